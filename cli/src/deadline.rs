@@ -18,6 +18,7 @@ use fuseline_traces::rows::{TableError, TableReader};
 use serde::Serialize;
 use thiserror::Error;
 
+use crate::duration::{ANY, duration};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
@@ -47,15 +48,15 @@ local sees it from its range on and the cloud reports whatever local would:
 expected is, up to there, the deadline of least mean loss: the square of the speed at impact, in
 m²/s². With --class it is the mean over the classes, by weight.
 
---observed is CSV with the columns response_s, answered (1: the result came then; 0: the call was
+--calls is CSV with the columns response_s, answered (1: the result came then; 0: the call was
 given up then, inf: it failed) and, if wanted, count. Without it every call counts as late.
 
 Exit code 0 when done, 2 if something makes no sense.
 
 Examples:
   fuseline deadline --speed 11,18,20,22,24
-  fuseline deadline --speed 22 --deceleration 7..8 --local-response 0.28..0.32
-  fuseline deadline --speed 18,22 --policy expected --observed calls.csv --json"
+  fuseline deadline --speed 22 --deceleration 7..8 --local-response 280ms..320ms
+  fuseline deadline --speed 18,22 --policy expected --calls calls.csv --json"
 )]
 pub(crate) struct Args {
     /// Speeds, in m/s.
@@ -66,12 +67,12 @@ pub(crate) struct Args {
     policy: PolicyArgument,
     /// How the calls of the cloud ended; - is standard input.
     #[arg(long, value_name = "FILE")]
-    observed: Option<PathBuf>,
+    calls: Option<PathBuf>,
     /// Full braking, in m/s².
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = deceleration)]
     deceleration: Span<MetresPerSecondSquared>,
-    /// From the decision to brake until the brakes act, in s.
-    #[arg(long, value_name = "S", default_value = "0.1", value_parser = time)]
+    /// From the decision to brake until the brakes act.
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: Span<Duration>,
     /// Frames of the camera, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
@@ -82,8 +83,8 @@ pub(crate) struct Args {
     /// How far away the cloud begins to report an obstacle, in m.
     #[arg(long, value_name = "M", default_value = "57", value_parser = distance)]
     range_cloud: Span<Metres>,
-    /// From a frame's capture until local's result, in s.
-    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = time)]
+    /// From a frame's capture until local's result.
+    #[arg(long, value_name = "TIME", default_value = "301.7ms", value_parser = time)]
     local_response: Span<Duration>,
     /// The nearest place from which something may come into sight, in m [default: none].
     #[arg(long, value_name = "M", value_parser = reveal)]
@@ -115,7 +116,7 @@ enum PolicyArgument {
 enum DeadlineError {
     #[error("{invalid}; change {options}")]
     Invalid { invalid: Invalid, options: &'static str },
-    #[error("{file}: no calls below its first row; give some, or leave --observed out")]
+    #[error("{file}: no calls below its first row; give some, or leave --calls out")]
     Nothing { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
@@ -153,7 +154,7 @@ pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
         let implausible = |invalid| DeadlineError::Invalid { invalid, options: options(invalid) };
         args.situation(*speed).check().map_err(implausible)?;
     }
-    let observed = match &args.observed {
+    let observed = match &args.calls {
         Some(path) => {
             let (name, file) = open(path)?;
             read(&name, file)?
@@ -270,9 +271,9 @@ impl fmt::Display for DeadlineTable<'_> {
             "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is\n\
             the longest safe deadline. The loss is the mean square of the speed at impact, in m²/s².",
         )?;
-        if self.args.observed.is_none() {
+        if self.args.calls.is_none() {
             f.write_str(
-                "\nNothing was observed, so every call counts as late; give --observed FILE.",
+                "\nNothing was observed, so every call counts as late; give --calls FILE.",
             )?;
         }
         Ok(())
@@ -342,13 +343,11 @@ fn distance(text: &str) -> Result<Span<Metres>, String> {
     Ok(span(text)?.map(Metres))
 }
 
-/// Seconds.
+/// `TIME` or `LEAST..GREATEST`.
 fn time(text: &str) -> Result<Span<Duration>, String> {
-    let Span { least, greatest } = span(text)?.map(Duration::try_from_secs_f64);
-    match (least, greatest) {
-        (Ok(least), Ok(greatest)) => Ok(Span::new(least, greatest)),
-        _ => Err("write a number of seconds of 0 or more, or LEAST..GREATEST".to_owned()),
-    }
+    let (least, greatest) = text.split_once("..").unwrap_or((text, text));
+    let read = |text| duration(text, "0.3s", &ANY);
+    Ok(Span::new(read(least)?, read(greatest)?))
 }
 
 /// `WEIGHT,RL,RC`.

@@ -37,6 +37,7 @@ impl Interrupt {
                     // A second one: do not wait for what is under way.
                     if flag.is_set() {
                         discard();
+                        complain("interrupted twice; what was not written yet is lost");
                         process::exit(INTERRUPTED);
                     }
                     flag.set();

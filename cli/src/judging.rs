@@ -7,6 +7,7 @@ pub(crate) use self::beside::judge_lines;
 use std::io::{self, BufRead};
 use std::time::Duration;
 
+use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError, nanos};
@@ -300,7 +301,7 @@ impl From<ToleranceError> for Fault {
 }
 
 /// A span of time, perhaps after the source that it is for.
-fn tolerance(text: &str) -> Result<Tolerance, &'static str> {
+fn tolerance(text: &str) -> Result<Tolerance, String> {
     let (source, span) = match text.rsplit_once('=') {
         Some((source, span)) => (Some(source.to_owned()), span),
         None => (None, text),
@@ -327,8 +328,8 @@ fn known(header: &Header) -> String {
 }
 
 /// A span of time with its unit.
-fn time(text: &str) -> Result<Duration, &'static str> {
-    humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 2ms")
+fn time(text: &str) -> Result<Duration, String> {
+    duration(text, "2ms", &ANY)
 }
 
 /// The verdict at that end; `cut` is the line that was cut short.

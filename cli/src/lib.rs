@@ -40,7 +40,6 @@ mod results;
 mod run;
 #[cfg(feature = "full")]
 mod scenario;
-mod seconds;
 mod serve;
 mod sink;
 mod tail;
@@ -56,6 +55,8 @@ use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt::layer;
 use tracing_subscriber::prelude::*;
+
+use fuseline_evaluation::duration;
 
 use crate::complain::complain;
 use crate::exit::Exit;
@@ -112,6 +113,7 @@ enum Command {
     Deadline(deadline::Args),
     /// Play the paper's evaluation in virtual time, from stated physics.
     #[cfg(feature = "full")]
+    #[command(arg_required_else_help = true)]
     Scenario(scenario::Args),
     /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
@@ -133,6 +135,11 @@ pub fn main() -> ExitCode {
             // Nobody reads the help any more if this fails.
             let _ = help.print();
             return Exit::Conforms.into();
+        }
+        // A command that needs more lists what there is.
+        Err(help) if help.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = help.print();
+            return Exit::BadInput.into();
         }
         Err(error) => {
             complain(format_args!("error: {}", usage(&error, &args)));

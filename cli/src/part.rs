@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fuseline_evaluation::duration::{ANY, duration};
 #[cfg(feature = "full")]
 use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
@@ -62,8 +63,8 @@ impl PartOptions {
     }
 }
 
-fn time(text: &str) -> Result<Duration, &'static str> {
-    humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 90s")
+fn time(text: &str) -> Result<Duration, String> {
+    duration(text, "90s", &ANY)
 }
 
 fn timestamps(text: &str) -> Result<(u64, u64), &'static str> {

@@ -18,7 +18,7 @@ use crate::fault::{Fault, chain, plain};
 use crate::files::{self, FileError};
 use crate::forward::{RecordedNetwork, forward};
 use crate::interrupt::Interrupt;
-use crate::seconds::seconds;
+use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::Model;
 
 #[derive(clap::Args)]
@@ -32,7 +32,7 @@ half on its way back. Clients use this address without TLS in place of the serve
 
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny
-  fuseline serve --drive vnperf/highway:sprint --start 150
+  fuseline serve --drive vnperf/highway:sprint --start 150s
   fuseline serve --forward http://127.0.0.1:8001 --drive vnperf/highway:sprint
   fuseline serve --cert server.pem --key server.key --client-ca ca.pem --token-file secret
   fuseline run --cloud name=east,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
@@ -44,7 +44,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "URL", requires = "drive",
         conflicts_with_all = ["model", "seed", "cert", "client_ca", "token_file"])]
     forward: Option<String>,
-    /// The model: NAME@orin or NAME@a100; ,runtime=MS and ,ap=AP after it replace the paper's figures, or describe
+    /// The model: NAME@orin or NAME@a100; ,runtime=TIME and ,ap=AP after it replace the paper's figures, or describe
     /// a model of one's own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
@@ -52,9 +52,9 @@ pub(crate) struct Args {
     /// Without it a reply takes the runtime alone.
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
-    /// Where the drive begins, in seconds.
-    #[arg(long, value_name = "S", requires = "drive", value_parser = start,
-        allow_negative_numbers = true)]
+    /// Where the drive begins.
+    #[arg(long, value_name = "TIME", requires = "drive", value_parser = start,
+        allow_hyphen_values = true)]
     start: Option<Duration>,
     /// Decides how the emulated runtime strays.
     #[arg(long, value_name = "N", default_value = "1")]
@@ -74,8 +74,8 @@ pub(crate) struct Args {
     token_file: Option<PathBuf>,
 }
 
-fn start(text: &str) -> Result<Duration, &'static str> {
-    seconds(text, 0.0..=31_536_000.0).ok_or("it must be seconds, 0 or more")
+fn start(text: &str) -> Result<Duration, String> {
+    duration(text, "62s", &ANY)
 }
 
 /// Why nothing can be served.

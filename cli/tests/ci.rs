@@ -169,7 +169,7 @@ fn both_templates_drive_a_command() {
 
 #[test]
 fn both_templates_fail_where_a_cloud_answers_nothing() {
-    let patient = "--seconds 0.3 --policy constant --deadline 20000 --cloud name=a,priority=1,";
+    let patient = "--for 300ms --policy constant --deadline 20s --cloud name=a,priority=1,";
     for (template, arguments) in [("action.yml", "ARGUMENTS"), ("gitlab.yml", "RUN")] {
         for (cloud, code) in
             [("model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10", 0), ("url=http://127.0.0.1:1", 3)]

@@ -46,7 +46,7 @@ fn the_guards_deadlines_are_those_of_the_specification() {
 #[test]
 fn what_was_observed_chooses_among_the_safe_deadlines() {
     let calls = "answered,count,response_s\n1,98,0.35\n0,1,0.5\n0,,inf\n1,1,0.7\n";
-    let rows = json(&["--speed", "20,22", "--policy", "expected", "--observed", "-"], calls);
+    let rows = json(&["--speed", "20,22", "--policy", "expected", "--calls", "-"], calls);
     assert_near(&figures(&rows, "deadline"), &[0.3017, 0.35]);
     assert!(figures(&rows, "deadline")[1] > 0.35, "a result at its due instant is late");
     let unseen = json(&["--speed", "22", "--policy", "expected"], "");
@@ -59,7 +59,7 @@ fn figures_that_are_not_known_exactly_allow_less() {
     let exact = json(&["--speed", "18"], "");
     for uncertain in [
         ["--deceleration", "7.2..7.8"],
-        ["--brake-delay", "0.1..0.2"],
+        ["--brake-delay", "100ms..200ms"],
         ["--rate", "20..30"],
         ["--range-local", "38..40"],
         ["--reveal", "38"],
@@ -85,7 +85,7 @@ fn a_table_says_why() {
 
 #[test]
 fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
-    let observed = &["--speed", "20", "--observed", "-"];
+    let observed = &["--speed", "20", "--calls", "-"];
     let cases: [(&[&str], &str, &str); 16] = [
         (&[], "", "--speed <V,V,…>; see --help"),
         (&["--speed", "20,0"], "", "write a number of m/s above 0; see --help"),
@@ -95,10 +95,10 @@ fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
             "",
             "deceleration: -1 m/s²; it may be from 0.1 to 20 m/s²; change --deceleration",
         ),
-        (&["--speed", "20", "--local-response", "2..1"], "", "change --local-response"),
+        (&["--speed", "20", "--local-response", "2s..1s"], "", "change --local-response"),
         // Milliseconds as seconds, and a speed that is none.
         (
-            &["--speed", "20", "--local-response", "301.7"],
+            &["--speed", "20", "--local-response", "301.7s"],
             "",
             "301.7 s; it may be from 0.000001 to",
         ),
@@ -128,6 +128,6 @@ fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
         assert!(err(&printed).contains(message), "{:?}, not {message:?}", err(&printed));
         assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
     }
-    let missing = deadline(&["--speed", "20", "--observed", "missing.csv"], "");
+    let missing = deadline(&["--speed", "20", "--calls", "missing.csv"], "");
     assert!(err(&missing).starts_with("error: missing.csv: No such file"), "{}", err(&missing));
 }

@@ -44,7 +44,7 @@ fn example(name: &str) -> String {
 
 /// Drives a command with these options. It may answer as late as on a busy host: what is wrong with it is not that.
 fn drive(options: &[&str], command: &[&str]) -> Output {
-    run(&[&["drive", "--wait", "120"], options, &["--"], command].concat(), "")
+    run(&[&["drive", "--wait", "120s"], options, &["--"], command].concat(), "")
 }
 
 /// Drives a command and reads the report.
@@ -452,17 +452,17 @@ fn each_way_to_misbehave_has_its_words() {
     let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
     // On a busy host a shell may take seconds to begin, so only who never answers has little time.
     for (script, wait, words) in [
-        ("sleep 600", "0.5", "it did not answer within 0.5 s; an output that is not flushed"),
-        (dies, "60", "it ended before it answered: signal: 9"),
-        (closes, "60", "it closed its output before it answered"),
-        (garbage, "60", "it answered \"{\\\"ev\\\":\\\"dne\\\"}\", column 7:"),
-        (echo, "60", "it answered with a line that is no decision: {\"fuseline\":1"),
-        (endless, "60", "it answered more than 1000 lines without {\"ev\":\"done\"}"),
-        (long, "60", "it answered a line over 64 KiB"),
-        (twice, "60", "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
-        (lingers, "10", "it ran on for 10 s after its input ended"),
-        (fails, "60", "it failed at its end: exit status: 3"),
-        (crashes, "60", "it failed at its end: signal: 6"),
+        ("sleep 600", "500ms", "it did not answer within 0.5 s; an output that is not flushed"),
+        (dies, "60s", "it ended before it answered: signal: 9"),
+        (closes, "60s", "it closed its output before it answered"),
+        (garbage, "60s", "it answered \"{\\\"ev\\\":\\\"dne\\\"}\", column 7:"),
+        (echo, "60s", "it answered with a line that is no decision: {\"fuseline\":1"),
+        (endless, "60s", "it answered more than 1000 lines without {\"ev\":\"done\"}"),
+        (long, "60s", "it answered a line over 64 KiB"),
+        (twice, "60s", "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
+        (lingers, "10s", "it ran on for 10 s after its input ended"),
+        (fails, "60s", "it failed at its end: exit status: 3"),
+        (crashes, "60s", "it failed at its end: signal: 6"),
     ] {
         // Nothing is demanded of an open that is accepted, so `done` alone can conform.
         let options = ["--wait", wait, "--run", "-"];
@@ -514,7 +514,7 @@ fn what_cannot_be_started_or_read_is_one_line_and_exit_2() {
         &["drive", "--", here],
         &["drive", "--run", "no-such-case", "--", "true"],
         &["drive", "--matrix", "drive.pdf", "--", "true"],
-        &["drive", "--wait", "0", "--", "true"],
+        &["drive", "--wait", "5", "--", "true"],
         &["drive"],
     ] {
         let refused = run(args, "");
@@ -567,7 +567,7 @@ fn ctrl_c_kills_the_command_with_its_children_and_reports_the_verdict_so_far() {
     let script = format!("sleep 600 & echo $$ $! > {0}.new; mv {0}.new {0}; wait", pids.display());
     let [junit, sarif] = ["drive.xml", "drive.sarif"].map(|name| dir.path().join(name));
     let files = ["--junit", junit.to_str().unwrap(), "--sarif", sarif.to_str().unwrap()];
-    let options = [&["drive", "--wait", "600"], &files[..], &["--", "sh", "-c", &script]].concat();
+    let options = [&["drive", "--wait", "600s"], &files[..], &["--", "sh", "-c", &script]].concat();
     let mut command = fuseline(&options);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let pids = wait_for(|| fs::read_to_string(&pids).ok());

@@ -99,11 +99,11 @@ fn clouds_may_stand_in_a_file() {
     let file = dir.path().join("fuseline.toml");
     fs::write(
         &file,
-        "[[cloud]]\nname = \"own\"\npriority = 3\nmodel = \"my-detector\"\nruntime = 45\nap = 52.5\n\
+        "[[cloud]]\nname = \"own\"\npriority = 3\nmodel = \"my-detector\"\nruntime = \"45ms\"\nap = 52.5\n\
          drive = \"cicv5g/rural_n8_v10\"\n",
     )
     .unwrap();
-    let args = ["run", "--seconds", "0.3", "--local", "mine,runtime=60,ap=40", "--config"];
+    let args = ["run", "--for", "0.3s", "--local", "mine,runtime=60ms,ap=40", "--config"];
     let args = [&args[..], &[file.to_str().unwrap()]].concat();
     let done = fuseline(&args).current_dir(dir.path()).output().unwrap();
     // A busy host may leave the cloud without a result, which is a doubt.
@@ -163,7 +163,7 @@ fn a_page_is_opened_where_that_is_wanted_and_no_other_is() {
     fs::set_permissions(&browser, fs::Permissions::from_mode(0o755)).unwrap();
     for (page, more) in [("unseen.html", &[][..]), ("seen.html", &["--open"])] {
         let report = format!("--report={page}");
-        let args = ["run", "--seconds", "0.2", "--force", "--trace", "t.jsonl", &report];
+        let args = ["run", "--for", "0.2s", "--force", "--trace", "t.jsonl", &report];
         // Two messages may come to nothing where the host has much to do.
         let accept = ["--accept", "silent,unjudged,unanswered"];
         let mut command = fuseline(&[&args[..], &accept, more].concat());

@@ -99,7 +99,7 @@ fn a_trace_does_not_go_onto_what_the_run_reads() {
     let drive = "sent_ms,rtt_ms\n0,1\n50,1\n";
     fs::write(dir.path().join("my.csv"), drive).unwrap();
     symlink("my.csv", dir.path().join("link")).unwrap();
-    let args = ["run", "--seconds", "1", "--drive", "west=my.csv", "--trace", "link"];
+    let args = ["run", "--for", "1s", "--drive", "west=my.csv", "--trace", "link"];
     let refused = in_directory(dir.path(), &args);
     assert_eq!(refused.status.code(), Some(2));
     let expected = "error: link: it is what is read as my.csv";
@@ -228,7 +228,7 @@ fn nobody_has_to_read_standard_error() {
     for (args, code) in [
         (&["check", "no-such-file"][..], 2),
         (&["no-such-command"], 2),
-        (&["run", "--seconds", "6", "--rate", "1", "--json"], 0),
+        (&["run", "--for", "6s", "--rate", "1", "--json"], 0),
     ] {
         let mut child = fuseline(args)
             .current_dir(dir.path())
@@ -243,7 +243,7 @@ fn nobody_has_to_read_standard_error() {
 
 #[test]
 fn logs_in_a_file_have_no_colours() {
-    let mut command = fuseline(&["run", "--seconds", "0.1", "--json", "--trace"]);
+    let mut command = fuseline(&["run", "--for", "0.1s", "--json", "--trace"]);
     let dir = tempdir().unwrap();
     let logged = command.arg(dir.path().join("t.jsonl")).env("RUST_LOG", "trace").output().unwrap();
     let log = err(&logged);
@@ -257,7 +257,7 @@ fn a_negative_time_is_refused_with_what_it_must_be() {
     let refused = run(&times, "");
     assert_eq!(refused.status.code(), Some(2));
     assert!(err(&refused).contains("it must be 0 or more with a unit"), "{}", err(&refused));
-    for option in ["--seconds", "--rate", "--deadline", "--window", "--workers"] {
+    for option in ["--for", "--rate", "--deadline", "--window", "--workers"] {
         let refused = run(&["run", option, "-1"], "");
         assert_eq!(refused.status.code(), Some(2), "{option}");
         assert!(!err(&refused).contains("-- -1"), "{}", err(&refused));

@@ -49,8 +49,8 @@ fn a_file_that_is_named_and_exists_is_replaced_by_force_alone() {
         &["convert", "--header", "t.jsonl", "events.csv", "-o", name],
         &["check", "t.jsonl", "--junit", name],
         &["check", "t.jsonl", "--sarif", name],
-        &["run", "--seconds", "0.2", "--trace", name],
-        &["run", "--seconds", "0.2", "--trace", "new.jsonl", "--report=there"],
+        &["run", "--for", "0.2s", "--trace", name],
+        &["run", "--for", "0.2s", "--trace", "new.jsonl", "--report=there"],
         &["drive", "--cases", "1", "--junit", name, "--", env!("CARGO_BIN_EXE_fuseline"), "impl"],
         &plotted,
     ] {
@@ -80,7 +80,7 @@ fn a_name_that_is_not_given_is_numbered_and_reported() {
         assert!(dir.path().join(name).is_file());
     }
     for name in ["fuseline-trace.jsonl", "fuseline-trace-2.jsonl"] {
-        let printed = run(dir.path(), &["run", "--seconds", "0.2"]);
+        let printed = run(dir.path(), &["run", "--for", "0.2s"]);
         // A busy host may leave a cloud without a result, which is a doubt.
         assert_ne!(printed.status.code(), Some(2), "{}", err(&printed));
         assert!(out(&printed).contains(name), "{}", out(&printed));
@@ -111,14 +111,14 @@ fn a_device_is_written_to_as_it_is() {
 #[test]
 fn two_runs_on_one_trace_are_told_apart() {
     let dir = folder();
-    let args = ["run", "--seconds", "60", "--trace", "one.jsonl", "--force"];
+    let args = ["run", "--for", "60s", "--trace", "one.jsonl", "--force"];
     let mut first = command(dir.path(), &args).stdout(Stdio::null()).spawn().unwrap();
     let trace: PathBuf = dir.path().join("one.jsonl");
     while fs::metadata(&trace).map_or(0, |file| file.len()) == 0 {
         assert!(first.try_wait().unwrap().is_none(), "it ended");
         sleep(Duration::from_millis(5));
     }
-    let second = run(dir.path(), &["run", "--seconds", "0.2", "--trace", "one.jsonl", "--force"]);
+    let second = run(dir.path(), &["run", "--for", "0.2s", "--trace", "one.jsonl", "--force"]);
     assert!(first.try_wait().unwrap().is_none(), "it ended");
     first.kill().unwrap();
     first.wait().unwrap();

@@ -163,7 +163,7 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let server = Server::start(dir.path(), &[]);
     let relay =
         Relay::start(&server, Hold::For(|slot| Duration::from_millis(20 + 40 * (slot % 5))));
-    let probe = ["probe", &relay.url, "--seconds", "4", "--json"];
+    let probe = ["probe", &relay.url, "--for", "4s", "--json"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     let summary = report(&probed);
     let requests = relay.requests();
@@ -193,8 +193,7 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
         assert!((printed - trips[index]).abs() < step, "{quantile}: {printed} of {}", trips[index]);
         assert!(printed >= held[index] - 0.1, "{quantile}: {printed} of {}", held[index]);
     }
-    let ran =
-        run_in(dir.path(), &["--seconds", "1", "--json", "--drive", "west=fuseline-probe.csv"]);
+    let ran = run_in(dir.path(), &["--for", "1s", "--json", "--drive", "west=fuseline-probe.csv"]);
     let report = report(&ran);
     adds_up(&report);
     assert_eq!(report["sources"][1]["drive"], "fuseline-probe.csv", "{report}");
@@ -205,7 +204,7 @@ fn a_stall_leaves_31_unanswered_and_then_nothing_is_sent() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &[]);
     let relay = Relay::start(&server, Hold::Stall);
-    let probe = ["probe", &relay.url, "--seconds", "6", "-o", "plots"];
+    let probe = ["probe", &relay.url, "--for", "6s", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
     assert!(out(&probed).contains("\n1 pause, "), "{}", out(&probed));
@@ -308,7 +307,7 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     let server = Server::start(dir.path(), &[]);
     // A file cannot take a folder's name.
     fs::create_dir_all(dir.path().join("plots/round-trips.svg/taken")).unwrap();
-    let probe = ["probe", &server.url, "--seconds", "0.5", "--force", "-o", "plots"];
+    let probe = ["probe", &server.url, "--for", "0.5s", "--force", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(2));
     let printed = err(&probed);
@@ -355,7 +354,7 @@ fn a_token_is_required_and_sent() {
     let dir = tempdir().unwrap();
     fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
     let server = Server::start(dir.path(), &["--token-file", "token"]);
-    let probe = ["probe", &server.url, "--seconds", "0.2"];
+    let probe = ["probe", &server.url, "--for", "0.2s"];
     let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
     assert!(
@@ -379,7 +378,7 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
     assert!(server.url.starts_with("https://localhost:"), "{}", server.url);
     let probe = |url: &str, keys: &str| {
         let keys: Vec<&str> = keys.split_whitespace().collect();
-        let args = [&["probe", url, "--seconds", "0.2", "--json"], &keys[..]].concat();
+        let args = [&["probe", url, "--for", "0.2s", "--json"], &keys[..]].concat();
         fuseline(&args).current_dir(dir.path()).output().unwrap()
     };
     let plain = server.url.replace("https", "http");
@@ -424,7 +423,7 @@ fn a_folder_that_takes_no_files_is_reported_before_anything_is_measured() {
     fs::write(dir.path().join("file"), "").unwrap();
     // Nobody makes files in /proc, not even root.
     for folder in ["/proc", "file", "file/in"] {
-        let probe = ["probe", &server.url, "--seconds", "600", "-o", folder];
+        let probe = ["probe", &server.url, "--for", "600s", "-o", folder];
         let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
         let printed = err(&refused);
         assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{printed}");
@@ -445,7 +444,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["ftp://h"], "ftp://h: the cloud's URL must be http"),
         (&["http://h", "--serve"], "cannot be used with"),
         (&[&server.url, "--rate", "0"], "'--rate <HZ>': it must be from 0.1 to 1000"),
-        (&[&server.url, "--seconds", "0"], "'--seconds <S>': it must be seconds"),
+        (&[&server.url, "--for", "0s"], "'--for <TIME>': it must be more than 0"),
         (&[&server.url, "--csv", "-"], "--csv -: "),
         (&[&server.url, "--csv", "."], ".: a directory"),
     ] {

@@ -30,9 +30,9 @@ fn complaints(end: &str) -> Vec<String> {
     let trace = trace.to_str().unwrap();
     let calls_of = [
         vec!["convert", "--header", &header, &events],
-        vec!["run", "--seconds", "1", "--trace", trace, "--cloud", &clouds[0]],
-        vec!["run", "--seconds", "1", "--trace", trace, "--cloud", &clouds[1]],
-        vec!["deadline", "--speed", "10", "--observed", &calls],
+        vec!["run", "--for", "1s", "--trace", trace, "--cloud", &clouds[0]],
+        vec!["run", "--for", "1s", "--trace", trace, "--cloud", &clouds[1]],
+        vec!["deadline", "--speed", "10", "--calls", &calls],
         vec!["probe", "--plot", &probed, "-o", plots.to_str().unwrap()],
         vec!["probe", "--plot", &short, "-o", plots.to_str().unwrap()],
     ];

@@ -23,7 +23,7 @@ fn names(directory: &Path) -> Vec<String> {
 #[test]
 fn a_run_adds_up_and_leaves_a_trace_that_conforms() {
     let dir = tempdir().unwrap();
-    let ran = run_in(dir.path(), &["--seconds", "2", "--json"]);
+    let ran = run_in(dir.path(), &["--for", "2s", "--json"]);
     assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
     let report = report(&ran);
     adds_up(&report);
@@ -53,7 +53,7 @@ fn cloud_only(report: &Value) -> Vec<&Value> {
 }
 
 /// Nothing answers within a second from these places on.
-const LOST: [&str; 7] = ["--seconds", "1", "--json", "--start", "west=75", "--start", "east=165"];
+const LOST: [&str; 7] = ["--for", "1s", "--json", "--start", "west=75s", "--start", "east=165s"];
 
 /// D16: the commit rule, the policy and the deadline are those that were chosen.
 #[test]
@@ -96,7 +96,7 @@ fn deadlines(trace: &[Value]) -> Vec<u64> {
 #[test]
 fn the_constant_is_reported_beside_what_is_expected() {
     let dir = tempdir().unwrap();
-    let ran = run_in(dir.path(), &[&LOST[..], &["--deadline", "2000"]].concat());
+    let ran = run_in(dir.path(), &[&LOST[..], &["--deadline", "2s"]].concat());
     let report = report(&ran);
     let [expected, constant, ..] = &report["policies"].as_array().unwrap()[..] else { panic!() };
     assert_eq!(
@@ -112,7 +112,7 @@ fn the_constant_is_reported_beside_what_is_expected() {
 #[test]
 fn what_a_full_window_refuses_is_counted() {
     let dir = tempdir().unwrap();
-    let ran = run_in(dir.path(), &["--seconds", "1", "--window", "1", "--json"]);
+    let ran = run_in(dir.path(), &["--for", "1s", "--window", "1", "--json"]);
     let report = report(&ran);
     adds_up(&report);
     assert_ne!(report["refused"], 0, "{report}");
@@ -122,7 +122,7 @@ fn what_a_full_window_refuses_is_counted() {
 #[test]
 fn the_tables_report_what_the_trace_does() {
     let dir = tempdir().unwrap();
-    let ran = run_in(dir.path(), &["--seconds", "1", "--window", "1", "--trace", "t.jsonl"]);
+    let ran = run_in(dir.path(), &["--for", "1s", "--window", "1", "--trace", "t.jsonl"]);
     let trace = lines(&dir.path().join("t.jsonl"));
     let count = |is: &dyn Fn(&Value) -> bool| {
         u32::try_from(trace.iter().filter(|line| is(line)).count()).unwrap()
@@ -151,7 +151,7 @@ fn the_tables_report_what_the_trace_does() {
 #[test]
 fn all_policies_have_the_same_limits() {
     let dir = tempdir().unwrap();
-    let full = ["--seconds", "2", "--rate", "100", "--window", "256", "--workers", "64"];
+    let full = ["--for", "2s", "--rate", "100", "--window", "256", "--workers", "64"];
     for policy in ["constant", "expected"] {
         let args = [&full[..], &["--calls", "1", "--policy", policy, "--json"]].concat();
         let report = report(&run_in(dir.path(), &args));
@@ -181,7 +181,7 @@ fn all_policies_have_the_same_limits() {
 fn a_request_is_a_picture_and_a_few_bytes_around_it() {
     let dir = tempdir().unwrap();
     let alone = "name=east,priority=1,model=DINO-SWIN-Tiny,drive=cicv5g/rural_n8_v0";
-    let patient = ["--seconds", "1", "--policy", "constant", "--deadline", "20000", "--json"];
+    let patient = ["--for", "1s", "--policy", "constant", "--deadline", "20s", "--json"];
     let report = report(&run_in(dir.path(), &[&patient[..], &["--cloud", alone]].concat()));
     adds_up(&report);
     let [_, east] = &report["sources"].as_array().unwrap()[..] else { panic!("{report}") };
@@ -197,7 +197,7 @@ fn a_request_is_a_picture_and_a_few_bytes_around_it() {
 #[test]
 fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
     let dir = tempdir().unwrap();
-    let short = ["--force", "--seconds", "0.3", "--trace", "t.jsonl"];
+    let short = ["--force", "--for", "0.3s", "--trace", "t.jsonl"];
     let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
     assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
     assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
@@ -223,7 +223,7 @@ fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
     // What there was before is named as it was given, too.
     fs::write(dir.path().join("mine.jsonl"), "earlier").unwrap();
-    let ran = run_in(dir.path(), &["--force", "--seconds", "1", "--trace", "mine.jsonl"]);
+    let ran = run_in(dir.path(), &["--force", "--for", "1s", "--trace", "mine.jsonl"]);
     for part in [
         "DETR-ResNet-50 on Orin",
         "pipelined over 4 workers",
@@ -249,7 +249,7 @@ fn people_read_tables_of_at_most_100_columns() {
 fn ctrl_c_and_termination_end_a_run_with_its_tables_and_a_whole_trace() {
     for signal in ["INT", "TERM"] {
         let dir = tempdir().unwrap();
-        let mut child = fuseline(&["run", "--seconds", "3600"])
+        let mut child = fuseline(&["run", "--for", "3600s"])
             .current_dir(dir.path())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -259,7 +259,7 @@ fn ctrl_c_and_termination_end_a_run_with_its_tables_and_a_whole_trace() {
         assert!(lines.next().unwrap().contains("a second for 3600 s"));
         signal::send(&child, signal);
         let printed: Vec<String> = lines.collect();
-        assert!(printed.iter().any(|line| line.starts_with("Ended early")), "{printed:?}");
+        assert!(printed.iter().any(|line| line.starts_with("Interrupted")), "{printed:?}");
         // What is judged, if the signal came before anything was, is in doubt.
         let verdict = printed.iter().find(|line| line.starts_with("fuseline-trace.jsonl: "));
         let conforms = verdict.unwrap().contains(": conforms, ");
@@ -276,8 +276,8 @@ fn ctrl_c_and_termination_end_a_run_with_its_tables_and_a_whole_trace() {
 fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
     for presses in [false, true] {
         let dir = tempdir().unwrap();
-        let seconds = if presses { "3600" } else { "4" };
-        let args = ["run", "--rate", "100", "--window", "128", "--workers", "64", "--seconds"];
+        let seconds = if presses { "3600s" } else { "4s" };
+        let args = ["run", "--rate", "100", "--window", "128", "--workers", "64", "--for"];
         let mut child = fuseline(&[&args[..], &[seconds]].concat())
             .current_dir(dir.path())
             .stdout(Stdio::piped())
@@ -330,10 +330,16 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     fs::write(dir.path().join("bad.csv"), "sent_ms,rtt_ms\n0,1\n50,x\n").unwrap();
     let remote = "name=a,priority=1,url=";
     for (args, expected) in [
-        (&["--seconds", "0"][..], "'--seconds <S>': it must be seconds"),
+        (&["--for", "0s"][..], "'--for <TIME>': it must be more than 0 and up to 1day"),
+        (&["--for", "30"], "such as 30s: write 30s; see --help"),
+        (&["--seconds", "8"], "such as 30s: write 8s; see --help"),
         (&["--rate", "1001"], "'--rate <HZ>': it must be from 0.1 to 1000"),
-        (&["--seconds", "86400", "--rate", "1000"], "86400000 frames are too many"),
-        (&["--deadline", "0"], "--deadline"),
+        (&["--for", "86400s", "--rate", "1000"], "86400000 frames are too many"),
+        (&["--deadline", "0s"], "--deadline"),
+        (&["--deadline", "500"], "such as 500ms: write 500ms; see --help"),
+        (&["--deadline", "0.5ms"], "--deadline"),
+        (&["--deadline", "1.5ms"], "it must be whole milliseconds"),
+        (&["--local", "mine,runtime=45ms,ap=0.52"], "write 52 if 0.52 is a fraction"),
         (&["--policy", "guard"], "[possible values: expected, constant]"),
         (&["--price-per-ms", "-1"], "'--price-per-ms <AP>': it must be from 0 to 1"),
         (&["--window", "1025"], "--window"),
@@ -344,7 +350,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--drive", "west=bad.csv"], "bad.csv:3: rtt_ms is \"x\""),
         (&["--drive", "west=none.csv"], "no readable file \"none.csv\""),
         (&["--drive", "west=vnperf/highway"], "which network?"),
-        (&["--start", "west=1000000"], "beyond the drive"),
+        (&["--start", "west=1000000s"], "beyond the drive"),
         (&["--cloud", "name=a"], "priority is missing"),
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
@@ -384,7 +390,7 @@ fn a_failed_run_leaves_an_earlier_trace_as_it_was() {
 /// A run of one frame a second: what is gathered takes minutes to be as much as is written at once.
 #[cfg(unix)]
 fn slow_run(directory: &Path) -> Child {
-    fuseline(&["run", "--seconds", "3600", "--rate", "1", "--trace", "t.jsonl"])
+    fuseline(&["run", "--for", "3600s", "--rate", "1", "--trace", "t.jsonl"])
         .current_dir(directory)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -467,7 +473,7 @@ fn a_full_disk_is_reported_and_the_run_goes_on_to_its_tables() {
     let script = "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\"";
     let ran = Command::new("sh")
         .args(["-c", script, env!("CARGO_BIN_EXE_fuseline")])
-        .args(["run", "--seconds", "8", "--rate", "20", "--trace", "t.jsonl"])
+        .args(["run", "--for", "8s", "--rate", "20", "--trace", "t.jsonl"])
         .current_dir(dir.path())
         .env_remove("RUST_LOG")
         .output()

@@ -13,6 +13,15 @@ fn scenario_has_no_colours_in_a_pipe() {
 }
 
 #[test]
+fn scenario_alone_lists_the_scenarios() {
+    let output = run(&["scenario"], "");
+    assert_eq!((output.status.code(), out(&output)), (Some(2), ""));
+    for name in ["traffic-jam", "red-light", "jaywalking", "networks", "arbitrage"] {
+        assert!(err(&output).contains(name), "{}", err(&output));
+    }
+}
+
+#[test]
 fn folder_that_takes_no_files_is_reported_first() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file").display().to_string();
@@ -45,14 +54,17 @@ fn folder_that_takes_no_files_is_reported_first() {
 fn senseless_scenario_is_one_line_with_a_remedy() {
     let cases: [(&[&str], &str); 12] = [
         (&["traffic-jam", "--speed", "0"], "write a number of m/s from 0.1 to 150; see --help"),
-        (&["traffic-jam", "--deadline", "soon"], "write guard, expected or a number of seconds"),
+        (
+            &["traffic-jam", "--deadline", "soon"],
+            "write guard, expected or a deadline: it must be from 0 to 1day",
+        ),
         (&["traffic-jam", "--rate", "0"], "write a number of Hz from 0.1 to 1000"),
         (&["traffic-jam", "--approach", "luck"], "see --help"),
         (&["traffic-jam", "--range-cloud", "30"], "change --range-local or --range-cloud"),
         (&["traffic-jam", "--speed", "1", "--rate", "1000"], "lower --rate or the deadline"),
-        (&["red-light", "--round-trip", "-1"], "see --help"),
+        (&["red-light", "--round-trip", "-1s"], "see --help"),
         (&["red-light", "--variant", "roundabout"], "see --help"),
-        (&["jaywalking", "--response", "x"], "write a number from 0 to 100000"),
+        (&["jaywalking", "--response", "0.5"], "such as 0.5s: write 0.5s"),
         (&["networks", "--policy", "never"], "write local, cloud, first, guard, expected or"),
         (&["networks", "--drive", "nowhere"], "no built-in drive and no readable file"),
         (&["networks", "--trace", "never-made"], "name fewer with --drive, --speed"),

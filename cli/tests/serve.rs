@@ -82,8 +82,7 @@ fn refused(directory: &Path, args: &[&str], token: &OsStr) -> Output {
 
 /// How the requests of a short run to this cloud ended.
 fn requests(directory: &Path, cloud: &str) -> Value {
-    let long =
-        ["--seconds", "0.5", "--policy", "constant", "--deadline", "20000", "--json", "--cloud"];
+    let long = ["--for", "0.5s", "--policy", "constant", "--deadline", "20s", "--json", "--cloud"];
     let ran = run_in(directory, &[&long[..], &[cloud]].concat());
     let report = report(&ran);
     adds_up(&report);
@@ -130,7 +129,7 @@ fn a_server_that_cannot_be_behind_a_network_is_one_line_and_exit_2() {
         ),
         (&["--forward", "http://a b"], "--forward http://a b: the cloud's URL"),
         (&[&url[..], &["--model", "DETR-ResNet-50"]].concat(), "cannot be used with"),
-        (&[&url[..], &["--start", "86400"]].concat(), "beyond the drive"),
+        (&[&url[..], &["--start", "86400s"]].concat(), "beyond the drive"),
     ] {
         let refused = refused(dir.path(), &[args, &drive].concat(), "".as_ref());
         assert_eq!(refused.status.code(), Some(2), "{args:?}");
@@ -146,10 +145,10 @@ fn a_server_that_cannot_be_behind_a_network_is_one_line_and_exit_2() {
 #[test]
 fn the_tables_report_what_a_server_says_it_serves_and_of_a_difference() {
     let dir = tempdir().unwrap();
-    let args = ["--model", "DETR-ResNet-101", "--drive", "vnperf/highway:sprint", "--start", "1"];
+    let args = ["--model", "DETR-ResNet-101", "--drive", "vnperf/highway:sprint", "--start", "1s"];
     let server = Server::start(dir.path(), &args);
     let cloud = server.cloud("http", "");
-    let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+    let ran = run_in(dir.path(), &["--for", "0.3s", "--cloud", &cloud]);
     assert_eq!(
         err(&ran).lines().next(),
         Some(
@@ -163,7 +162,7 @@ fn the_tables_report_what_a_server_says_it_serves_and_of_a_difference() {
 
     let printed = cloud.replace("DINO-SWIN-Tiny", "DETR-ResNet-101");
     for same in [printed.as_str(), &printed.replace("model=DETR-ResNet-101,", "")] {
-        let ran = run_in(dir.path(), &["--seconds", "0.3", "--json", "--cloud", same]);
+        let ran = run_in(dir.path(), &["--for", "0.3s", "--json", "--cloud", same]);
         assert!(!err(&ran).contains("warning"), "{}", err(&ran));
         let east = &report(&ran)["sources"][1];
         assert_eq!(east["model"], "DETR-ResNet-101 on A100");
@@ -190,7 +189,7 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
         ("", "nothing is known of its model"),
     ] {
         let cloud = format!("name=east,priority=2,{model}{url}");
-        let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+        let ran = run_in(dir.path(), &["--for", "0.3s", "--cloud", &cloud]);
         let note = format!(
             "east: its server did not say what it serves (it does not know this call); {known}."
         );
@@ -218,8 +217,8 @@ fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
     let cloud = format!("name=east,priority=2,url=http://{}", listener.local_addr().unwrap());
     runtime.spawn(grpc::serve(slow, grpc::Server::default(), listener, pending()));
     // Twice as many frames as calls of that length can take.
-    let many = ["--rate", "40", "--calls", "2", "--seconds", "0.5", "--json", "--policy"];
-    let patient = ["constant", "--deadline", "20000", "--cloud", &cloud];
+    let many = ["--rate", "40", "--calls", "2", "--for", "0.5s", "--json", "--policy"];
+    let patient = ["constant", "--deadline", "20s", "--cloud", &cloud];
     adds_up(&report(&run_in(dir.path(), &[&many[..], &patient].concat())));
     assert_eq!(greatest.load(Ordering::Relaxed), 2);
 }
@@ -243,7 +242,7 @@ fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
             true,
         ),
     ] {
-        let patient = ["--seconds", "0.3", "--policy", "constant", "--deadline", "20000"];
+        let patient = ["--for", "0.3s", "--policy", "constant", "--deadline", "20s"];
         let short = [&patient[..], &["--cloud", &cloud]].concat();
         let ran = run_in(dir.path(), &short);
         let line = format!("east: 3 × {why}");
@@ -265,7 +264,7 @@ fn a_server_without_network_in_its_drive_is_late() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &["--drive", "vnperf/highway:wifi"]);
     let cloud = server.cloud("http", "");
-    let short = ["--seconds", "0.5", "--json", "--policy", "constant", "--cloud", &cloud];
+    let short = ["--for", "0.5s", "--json", "--policy", "constant", "--cloud", &cloud];
     let report = report(&run_in(dir.path(), &short));
     assert_eq!(report["sources"][1]["requests"]["late"], 5, "{report}");
     // What a server elsewhere would have answered after its deadline is not known, but too
@@ -302,7 +301,7 @@ fn without_a_ca_the_systems_authorities_are_taken() {
     let server = Server::start(dir.path(), &["--cert", "server.pem", "--key", "server.key"]);
     let cloud = server.cloud("https", "");
     let forwarded = |authorities: &str| {
-        let args = ["run", "--seconds", "0.5", "--force", "--json", "--cloud", &cloud];
+        let args = ["run", "--for", "0.5s", "--force", "--json", "--cloud", &cloud];
         let ran = fuseline(&args)
             .current_dir(dir.path())
             .env("SSL_CERT_FILE", dir.path().join(authorities))
@@ -379,7 +378,7 @@ fn bad_options_are_one_line_and_exit_2() {
         (&["--listen", "50051"], "invalid socket address"),
         (&["--model", "yolo"], "no model \"yolo\""),
         (&["--drive", "none.csv"], "no readable file"),
-        (&["--start", "1"], "--drive"),
+        (&["--start", "1s"], "--drive"),
         (&["--cert", "server.pem"], "--key"),
         (&["--client-ca", "ca.pem"], "--cert"),
         (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
@@ -413,7 +412,7 @@ fn a_cloud_that_answers_nothing_is_in_doubt() {
     fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
     let locked = Server::start(dir.path(), &["--token-file", "token"]);
     let cloud = locked.cloud("http", "");
-    let short = ["--seconds", "1", "--json", "--cloud", &cloud];
+    let short = ["--for", "1s", "--json", "--cloud", &cloud];
     let ran = run_in(dir.path(), &short);
     assert_eq!(ran.status.code(), Some(3), "{}", err(&ran));
     assert_eq!(report(&ran)["sources"][1]["forwarded"], 0);
@@ -423,7 +422,7 @@ fn a_cloud_that_answers_nothing_is_in_doubt() {
     assert_eq!(accepted.status.code(), Some(0), "{}", err(&accepted));
     let open = Server::start(dir.path(), &[]);
     let cloud = open.cloud("http", "");
-    let args = ["--seconds", "1", "--json", "--cloud", &cloud];
+    let args = ["--for", "1s", "--json", "--cloud", &cloud];
     let ran = run_in(dir.path(), &args);
     assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
 }
@@ -433,7 +432,7 @@ fn a_probe_of_a_model_says_that_it_measures_the_model_too() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Large"]);
     let url = format!("http://127.0.0.1:{}", server.port);
-    let args = ["probe", &url, "--seconds", "0.2"];
+    let args = ["probe", &url, "--for", "0.2s"];
     let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
     let warning = err(&probed).lines().find(|line| line.starts_with("warning: "));
@@ -447,7 +446,7 @@ fn a_probe_of_a_model_says_that_it_measures_the_model_too() {
     let mut printed = String::new();
     BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
     let url = printed.trim().rsplit(' ').next().unwrap();
-    let args = ["probe", url, "--seconds", "0.2"];
+    let args = ["probe", url, "--for", "0.2s"];
     let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
     child.kill().unwrap();
     child.wait().unwrap();

@@ -1,11 +1,12 @@
 //! The paper's experiments: in virtual time, from stated physics, by the machine that is shipped.
 //!
 //! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also takes from here the paper's [`models`], the
-//! [`link`] of a vehicle and what [`plot`] draws.
+//! [`link`] of a vehicle, what [`plot`] draws, and how a [`duration`](mod@duration) is written.
 
 mod approach;
 mod arbitrage;
 mod braking;
+pub mod duration;
 mod jaywalking;
 pub mod link;
 pub mod models;

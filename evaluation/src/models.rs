@@ -8,6 +8,7 @@ use std::time::Duration;
 use fuseline_traces::nanos;
 use thiserror::Error;
 
+use crate::duration::{SHORTEST, duration};
 use crate::paper::PAPER;
 
 /// A runtime differs from the paper's by at most one part in this many.
@@ -46,7 +47,7 @@ pub enum Device {
 pub enum ModelError {
     /// It is unknown and has no runtime.
     #[error(
-        "no model {0:?}; there are {names}; another one needs runtime=MS, and ap=AP if it is known",
+        "no model {0:?}; there are {names}; another one needs runtime=TIME, and ap=AP if it is known",
         names = names()
     )]
     Name(String),
@@ -54,17 +55,17 @@ pub enum ModelError {
     #[error("no device {0:?}; there are orin and a100")]
     Device(String),
     /// A figure is none.
-    #[error("{key} {value:?} is not valid; it must be {wanted}")]
+    #[error("{key} {value:?} is not valid; {wanted}")]
     Figure {
         /// Its name.
         key: &'static str,
         /// What stands there.
         value: String,
         /// What may stand there.
-        wanted: &'static str,
+        wanted: String,
     },
     /// It is no figure of a model.
-    #[error("{0:?} is neither runtime=MS nor ap=AP; write MODEL[,runtime=MS][,ap=AP]")]
+    #[error("{0:?} is neither runtime=TIME nor ap=AP; write MODEL[,runtime=TIME][,ap=AP]")]
     Key(String),
 }
 
@@ -139,7 +140,7 @@ impl Model {
 impl FromStr for Model {
     type Err = ModelError;
 
-    /// `MODEL[,runtime=MS][,ap=AP]`.
+    /// `MODEL[,runtime=TIME][,ap=AP]`.
     fn from_str(text: &str) -> Result<Self, ModelError> {
         let (name, figures) = text.split_once(',').unwrap_or((text, ""));
         let [mut runtime, mut ap] = [None; 2];
@@ -155,21 +156,21 @@ impl FromStr for Model {
 }
 
 fn runtime_of(text: &str) -> Result<Duration, ModelError> {
-    let ms = text.parse().ok().filter(|ms: &f64| *ms > 0.0 && *ms <= 60_000.0);
-    ms.map(|ms| Duration::from_secs_f64(ms / 1000.0)).ok_or_else(|| ModelError::Figure {
-        key: "runtime",
-        value: text.to_owned(),
-        wanted: "milliseconds, more than 0 and up to 60000",
-    })
+    let read = duration(text, "45ms", &(SHORTEST..=Duration::from_secs(60)));
+    read.map_err(|wanted| ModelError::Figure { key: "runtime", value: text.to_owned(), wanted })
 }
 
 fn ap_of(text: &str) -> Result<f64, ModelError> {
-    let ap = text.parse().ok().filter(|ap| (0.0..=100.0).contains(ap));
-    ap.ok_or_else(|| ModelError::Figure {
-        key: "ap",
-        value: text.to_owned(),
-        wanted: "points of AP, from 0 to 100",
-    })
+    let ap: Option<f64> = text.parse().ok().filter(|ap| (0.0..=100.0).contains(ap));
+    let wrong = |wanted| ModelError::Figure { key: "ap", value: text.to_owned(), wanted };
+    match ap {
+        Some(ap) if ap > 0.0 && ap < 1.0 => Err(wrong(format!(
+            "it must be points of AP, from 0 to 100: write {} if {text} is a fraction",
+            (ap * 1e4).round() / 1e2
+        ))),
+        Some(ap) => Ok(ap),
+        None => Err(wrong("it must be points of AP, from 0 to 100".to_owned())),
+    }
 }
 
 impl fmt::Display for Model {
@@ -224,18 +225,20 @@ mod tests {
 
     #[test]
     fn a_model_of_ones_own_has_the_figures_that_are_given() {
-        let own = model("YOLO-NAS@thor,runtime=45.5,ap=52.2");
+        let own = model("YOLO-NAS@thor,runtime=45.5ms,ap=52.2");
         assert_eq!((own.runtime, own.ap), (Duration::from_micros(45_500), Some(52.2)));
         assert_eq!(own.to_string(), "YOLO-NAS@thor");
         // Half of the paper's have no AP.
         let paper = model("DINO-SWIN-Large,ap=58");
         assert_eq!((paper.ap, paper.runtime), (Some(58.0), model("DINO-SWIN-Large").runtime));
         for (text, expected) in [
-            ("yolo,ap=50", "another one needs runtime=MS"),
-            ("yolo,runtime=0", "runtime \"0\" is not valid"),
+            ("yolo,ap=50", "another one needs runtime=TIME"),
+            ("yolo,runtime=0ms", "runtime \"0ms\" is not valid"),
+            ("yolo,runtime=45", "such as 45ms: write 45ms"),
             ("yolo,runtime=nan", "runtime \"nan\" is not valid"),
-            ("yolo,runtime=45,ap=101", "ap \"101\" is not valid"),
-            ("yolo,runtime=45,ap=50,ap=51", "\"ap=51\" is neither"),
+            ("yolo,runtime=45ms,ap=101", "ap \"101\" is not valid"),
+            ("yolo,runtime=45ms,ap=50,ap=51", "\"ap=51\" is neither"),
+            ("yolo,runtime=45ms,ap=0.52", "write 52 if 0.52 is a fraction"),
             ("yolo,speed=45", "\"speed=45\" is neither"),
         ] {
             let fault = text.parse::<Model>().unwrap_err().to_string();

@@ -2,11 +2,13 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde::Serialize;
 
 use crate::ScenarioError;
 use crate::approach::Vehicle;
+use crate::duration::{SHORTEST, duration, seconds};
 use crate::plot::{Folder, FolderError};
 
 /// What a scenario leaves.
@@ -62,8 +64,8 @@ pub(crate) struct VehicleArgs {
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// How long after the decision the brakes bite, in s †.
-    #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
+    /// How long after the decision the brakes bite †.
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: f64,
     /// How many frames the camera captures a second, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
@@ -84,8 +86,8 @@ pub(crate) struct VehicleArgs {
     /// How far away the cloud begins to report the obstacle, in m †.
     #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
     range_cloud: f64,
-    /// From a frame's capture until local's result, in s.
-    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = above_0)]
+    /// From a frame's capture until local's result.
+    #[arg(long, value_name = "TIME", default_value = "301.7ms", value_parser = time_above_0)]
     local_response: f64,
     /// Local computes one frame at a time and skips those that come meanwhile.
     #[arg(long)]
@@ -111,6 +113,8 @@ impl VehicleArgs {
     }
 }
 
+/// No time is longer: a day.
+const LONGEST: Duration = Duration::from_secs(86_400);
 /// Greater figures are mistaken units.
 const GREATEST: f64 = 1e5;
 
@@ -127,9 +131,18 @@ pub(crate) fn not_below_0(text: &str) -> Result<f64, String> {
     number(text, |number| (0.0..=GREATEST).contains(&number), "from 0 to 100000")
 }
 
-/// A figure that may be negative.
-pub(crate) fn any(text: &str) -> Result<f64, String> {
-    number(text, |number| number.abs() <= GREATEST, "from -100000 to 100000")
+/// A time, in s.
+pub(crate) fn time(text: &str) -> Result<f64, String> {
+    duration(text, "0.5s", &(Duration::ZERO..=LONGEST)).map(seconds)
+}
+
+pub(crate) fn time_above_0(text: &str) -> Result<f64, String> {
+    duration(text, "0.5s", &(SHORTEST..=LONGEST)).map(seconds)
+}
+
+/// A time that may be negative, in s.
+pub(crate) fn signed_time(text: &str) -> Result<f64, String> {
+    text.trim().strip_prefix('-').map_or_else(|| time(text), |text| time(text).map(|time| -time))
 }
 
 pub(crate) fn speed(text: &str) -> Result<f64, String> {

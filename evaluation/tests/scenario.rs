@@ -61,7 +61,7 @@ const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
 
 #[test]
 fn the_cells_of_the_traffic_jam_are_reported_with_their_parameters() {
-    let printed = json(&[&JAM[..], &["--speed", "11,22", "--response", "0.75,1"]].concat());
+    let printed = json(&[&JAM[..], &["--speed", "11,22", "--response", "750ms,1s"]].concat());
     assert_eq!(printed["scenario"], "traffic-jam");
     assert_eq!(printed["parameters"]["vehicle"]["deceleration"], 7.5);
     let cells = printed["cells"].as_array().unwrap();
@@ -81,14 +81,14 @@ fn a_changed_parameter_shows_at_once() {
     assert_eq!(plain, scenario(&[&JAM[..], &["--json"]].concat()), "equal inputs, equal bytes");
     for change in [
         ["--deceleration", "6.5"],
-        ["--brake-delay", "0.3"],
+        ["--brake-delay", "300ms"],
         ["--rate", "10"],
         ["--frames", "6"],
         ["--range-local", "45"],
         ["--range-cloud", "50"],
-        ["--local-response", "0.45"],
+        ["--local-response", "450ms"],
         ["--reveal", "40"],
-        ["--deadline", "0.5"],
+        ["--deadline", "500ms"],
         ["--deadline", "expected"],
     ] {
         let changed = json(&[&JAM[..], &change].concat());
@@ -117,10 +117,10 @@ fn what_runs_leave_is_accepted_by_the_strict_judge() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let jam = at("jam");
-    scenario(&[&JAM[..], &["--speed", "22", "--response", "0.75,1", "--trace", &jam]].concat());
+    scenario(&[&JAM[..], &["--speed", "22", "--response", "750ms,1s", "--trace", &jam]].concat());
     assert_eq!(traces(Path::new(&jam)), 3 * 2 * 8);
     let red = at("red");
-    scenario(&["red-light", "--delta", "0", "--round-trip", "0.068", "--trace", &red]);
+    scenario(&["red-light", "--delta", "0s", "--round-trip", "68ms", "--trace", &red]);
     assert_eq!(traces(Path::new(&red)), 3 * (1 + 1 + 2));
     let walk = at("walk");
     scenario(&["jaywalking", "--trace", &walk]);
@@ -153,9 +153,9 @@ fn no_detector_sees_the_runner_in_time_and_shared_locations_do() {
         |runs: &Value| runs.as_array().unwrap().iter().any(|run| run["collides"] == true);
     assert!(!collides(&printed["without_occluder"]));
     assert!(printed["at_once"].as_array().unwrap().iter().all(|run| run["collides"] == true));
-    let open = json(&["red-light", "--no-occluder", "--round-trip", "0.068"]);
+    let open = json(&["red-light", "--no-occluder", "--round-trip", "68ms"]);
     assert!(!collides(&open["runs"]));
-    let slow = json(&["red-light", "--runner-speed", "4", "--delta", "0"]);
+    let slow = json(&["red-light", "--runner-speed", "4", "--delta", "0s"]);
     assert_ne!(slow["runs"], printed["runs"]);
 }
 
@@ -224,7 +224,7 @@ fn book_has_the_rows_of_recorded_networks() {
 fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
-    let red: &[&str] = &["red-light", "--variant", "skewed", "--delta", "0"];
+    let red: &[&str] = &["red-light", "--variant", "skewed", "--delta", "0s"];
     for (args, plots) in [
         (red, &["skewed"][..]),
         (&["jaywalking"], &["greatest-speed"]),
@@ -284,11 +284,11 @@ fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
 /// A field has one type, whatever was chosen.
 #[test]
 fn policies_and_deadlines_are_texts_in_json() {
-    let policies = ["networks", "--starts", "1", "--speed", "20", "--policy", "local,0.5,guard"];
+    let policies = ["networks", "--starts", "1", "--speed", "20", "--policy", "local,500ms,guard"];
     let played = json(&[&policies[..], &["--drive", "cicv5g/rural_n8_v10"]].concat());
     let rows = printed(&played["rows"], &["policy"]);
     assert_eq!(rows.concat(), ["local", "0.5", "guard"]);
-    for (deadline, shown) in [("guard", "guard"), ("0.5", "0.5")] {
+    for (deadline, shown) in [("guard", "guard"), ("500ms", "0.5")] {
         let played = json(&[&JAM[..], &["--speed", "20", "--deadline", deadline]].concat());
         assert_eq!(played["parameters"]["deadline"], shown, "{}", played["parameters"]);
     }

@@ -491,7 +491,7 @@ def test_python_serves_an_operator_of_rust(
         ) as server:
             keys = ",".join(f"{name}={tmp_path / name}" for name in files)
             cloud = f"name=python,priority=1,url={server.url},{keys}"
-            words = ["run", "--seconds", "1", "--deadline", "20000", "--policy", "constant"]
+            words = ["run", "--for", "1s", "--deadline", "20s", "--policy", "constant"]
             more = ["--window", "64", "--cloud", cloud, "--trace", str(trace)]
             process = await asyncio.create_subprocess_exec(
                 command, *words, *more, stdout=asyncio.subprocess.PIPE

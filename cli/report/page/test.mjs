@@ -81,7 +81,7 @@ const pixels = (page, colour, plot = "#timeline", to = Infinity) =>
 /** A short run's trace, with what the command notes in it. */
 function run(name, ...options) {
   const file = join(folder, `${name}.jsonl`);
-  execFileSync(FUSELINE, ["run", "--seconds", "2", "--trace", file, ...options], { stdio: "ignore" });
+  execFileSync(FUSELINE, ["run", "--for", "2s", "--trace", file, ...options], { stdio: "ignore" });
   return file;
 }
 
@@ -104,7 +104,7 @@ test("a run's policies, configuration and caveats are told, light, dark and on a
 });
 
 test("two runs stand side by side", async (t) => {
-  const file = report("pair", run("first"), run("second", "--deadline", "300", "--policy", "constant"));
+  const file = report("pair", run("first"), run("second", "--deadline", "300ms", "--policy", "constant"));
   for (const [name, options] of [["pair-light", {}], ["pair-dark", { scheme: "dark" }], ["pair-phone", { width: 390, height: 844 }]]) {
     const page = await open(t, file, options);
     assert.equal(await page.title(), "2 traces – Fuseline report");

@@ -11,7 +11,7 @@ use super::case::{Generate, GeneratorVersion};
 use super::matrix;
 use super::reach::DriveLimits;
 use crate::results::Files;
-use crate::seconds::seconds;
+use fuseline_evaluation::duration::{SHORTEST, duration};
 
 /// How many inputs generated runs have, unless options say otherwise.
 const INPUTS: u64 = 400_000;
@@ -70,8 +70,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CASE", num_args = 1..,
           conflicts_with_all = ["inputs", "cases", "budget", "seed", "generator"])]
     pub(super) run: Vec<String>,
-    /// How long an answer may take, in seconds.
-    #[arg(long, value_name = "S", default_value = "5", value_parser = wait, allow_negative_numbers = true)]
+    /// How long an answer may take.
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = wait, allow_hyphen_values = true)]
     pub(super) wait: Duration,
     /// What to call the implementation; the command if not given.
     #[arg(long)]
@@ -125,11 +125,10 @@ impl Args {
     }
 }
 
-fn wait(text: &str) -> Result<Duration, &'static str> {
-    seconds(text, 0.001..=3600.0).ok_or("it must be seconds, from 0.001 to 3600")
+fn wait(text: &str) -> Result<Duration, String> {
+    duration(text, "5s", &(Duration::from_millis(1)..=Duration::from_secs(3600)))
 }
 
-fn budget(text: &str) -> Result<Duration, &'static str> {
-    let budget = humantime::parse_duration(text).ok().filter(|budget| !budget.is_zero());
-    budget.ok_or("it must be above 0 with a unit, such as 30s or 5m")
+fn budget(text: &str) -> Result<Duration, String> {
+    duration(text, "30s", &(SHORTEST..=Duration::MAX))
 }

@@ -19,8 +19,7 @@ pub(crate) struct ProbeProgress {
 impl ProbeProgress {
     pub(crate) fn new(args: &Args) -> Self {
         let bar = io::stderr().is_terminal().then(|| {
-            let total =
-                args.seconds.map(|span| u64::try_from(span.as_millis()).unwrap_or(u64::MAX));
+            let total = args.span.map(|span| u64::try_from(span.as_millis()).unwrap_or(u64::MAX));
             // The words on a line of their own, which is cut at the terminal's edge.
             let bar = if total.is_some() { "{bar:24.cyan/dim} {prefix}" } else { "{prefix}" };
             let template = format!("{bar}\n{{wide_msg}}");
@@ -28,7 +27,7 @@ impl ProbeProgress {
             let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
             total.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
         });
-        Self { bar, span: args.seconds }
+        Self { bar, span: args.span }
     }
 
     pub(crate) const fn period(&self) -> Duration {

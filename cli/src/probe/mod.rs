@@ -118,7 +118,10 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
         reached = reach(client.clone(), payload.clone(), url.starts_with("https:")) => {
             reached.map_err(|(why, remedy)| ProbeError::Silent { url: url.to_owned(), why, remedy })?;
         }
-        () = interrupt.wait() => return Ok(()),
+        () = interrupt.wait() => {
+            complain("interrupted before the first answer; nothing was recorded");
+            return Ok(());
+        }
     }
     warn_of_model(url, connection).await;
     let folder = folder(args)?;
@@ -128,7 +131,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let file = csv.empty().map_err(|source| Fault::Create { name: name.clone(), source })?;
     let rows = SlotRows::new(BufWriter::new(file)).map_err(unwritten)?;
     let schedule = Schedule { rate: args.rate, slots: args.slots(), give_up: args.give_up };
-    let mut log = ProbeLog::new(rows, args.period(), (args.runtime(), args.deadline()));
+    let mut log = ProbeLog::new(rows, args.period(), (args.runtime, args.deadline));
     let live = ProbeProgress::new(args);
     let send_request = |slot| {
         let (client, payload) = (client.clone(), payload.clone());

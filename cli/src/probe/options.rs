@@ -9,7 +9,7 @@ use fuseline_tokio::grpc;
 use crate::fault::Fault;
 use crate::files::{self, FileError};
 use crate::output::Overwrite;
-use crate::seconds::seconds;
+use fuseline_evaluation::duration::{SHORTEST, duration};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -29,8 +29,8 @@ Ctrl-C; 2 if an option or a file is of no use, or the server does not answer.
 
 Examples:
   fuseline probe --serve --listen 0.0.0.0:50051
-  fuseline probe http://10.0.0.2:50051 --seconds 60
-  fuseline probe https://cloud:50051 --ca ca.pem --token-file secret --seconds 600
+  fuseline probe http://10.0.0.2:50051 --for 1m
+  fuseline probe https://cloud:50051 --ca ca.pem --token-file secret --for 10m
   fuseline probe http://10.0.0.2:50051 -o pictures
   fuseline probe --plot fuseline-probe.csv -o pictures
   fuseline run --drive west=fuseline-probe.csv")]
@@ -45,16 +45,16 @@ pub(crate) struct Args {
     /// The address and port to listen on; port 0 chooses one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051", requires = "serve")]
     pub(crate) listen: SocketAddr,
-    /// How long, in seconds, up to 604800, a week [default: until Ctrl-C].
-    #[arg(long, value_name = "S", value_parser = span, allow_negative_numbers = true)]
-    pub(crate) seconds: Option<Duration>,
+    /// How long, up to a week [default: until Ctrl-C].
+    #[arg(long = "for", value_name = "TIME", value_parser = span, allow_hyphen_values = true, alias = "seconds")]
+    pub(crate) span: Option<Duration>,
     /// Requests a second, 0.1 to 1000.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate,
         allow_negative_numbers = true)]
     pub(crate) rate: f64,
-    /// How long a call may take before it counts as failed, in seconds: 1 to 600.
-    #[arg(long, value_name = "S", default_value = "60", value_parser = give_up,
-        allow_negative_numbers = true)]
+    /// How long a call may take before it counts as failed: 1s to 10m.
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = give_up,
+        allow_hyphen_values = true)]
     pub(crate) give_up: Duration,
     /// Where the recording is written, from the start on [default: fuseline-probe.csv, or fuseline-probe-2.csv and so on
     /// if that exists].
@@ -69,14 +69,14 @@ pub(crate) struct Args {
     /// Measure nothing, but plot this recording.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
-    /// What the cloud would compute besides, in milliseconds: 0 to 60000.
-    #[arg(long, value_name = "MS", default_value = "118.2", value_parser = milliseconds,
-        allow_negative_numbers = true)]
-    pub(crate) runtime: f64,
-    /// When a result would have to be there, in milliseconds: 0 to 60000.
-    #[arg(long, value_name = "MS", default_value = "500", value_parser = milliseconds,
-        allow_negative_numbers = true)]
-    pub(crate) deadline: f64,
+    /// What the cloud would compute besides, up to 1m.
+    #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = minute,
+        allow_hyphen_values = true)]
+    pub(crate) runtime: Duration,
+    /// When a result would have to be there, up to 1m.
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = minute,
+        allow_hyphen_values = true)]
+    pub(crate) deadline: Duration,
     /// The certificates, PEM, one of which must have signed the server's, instead of the system's.
     #[arg(long, value_name = "FILE", conflicts_with = "serve")]
     pub(crate) ca: Option<PathBuf>,
@@ -147,29 +147,20 @@ impl Args {
     )]
     pub(crate) fn slots(&self) -> Option<u64> {
         // What is a whole number but for rounding is one.
-        self.seconds.map(|span| (span.as_secs_f64() * self.rate - 1e-6).ceil() as u64)
+        self.span.map(|span| (span.as_secs_f64() * self.rate - 1e-6).ceil() as u64)
     }
 
     pub(crate) fn period(&self) -> Duration {
         Duration::from_secs_f64(self.rate.recip())
     }
-
-    pub(crate) fn runtime(&self) -> Duration {
-        Duration::from_secs_f64(self.runtime / 1000.0)
-    }
-
-    pub(crate) fn deadline(&self) -> Duration {
-        Duration::from_secs_f64(self.deadline / 1000.0)
-    }
 }
 
-fn span(text: &str) -> Result<Duration, &'static str> {
-    let span = seconds(text, 0.0..=604_800.0).filter(|span| !span.is_zero());
-    span.ok_or("it must be seconds, more than 0 and up to 604800, a week")
+fn span(text: &str) -> Result<Duration, String> {
+    duration(text, "60s", &(SHORTEST..=Duration::from_secs(604_800)))
 }
 
-fn give_up(text: &str) -> Result<Duration, &'static str> {
-    seconds(text, 1.0..=600.0).ok_or("it must be seconds, from 1 to 600")
+fn give_up(text: &str) -> Result<Duration, String> {
+    duration(text, "60s", &(Duration::from_secs(1)..=Duration::from_secs(600)))
 }
 
 fn rate(text: &str) -> Result<f64, &'static str> {
@@ -177,7 +168,6 @@ fn rate(text: &str) -> Result<f64, &'static str> {
     rate.ok_or("it must be from 0.1 to 1000")
 }
 
-fn milliseconds(text: &str) -> Result<f64, &'static str> {
-    let ms = text.parse().ok().filter(|ms| (0.0..=60_000.0).contains(ms));
-    ms.ok_or("it must be from 0 to 60000")
+fn minute(text: &str) -> Result<Duration, String> {
+    duration(text, "500ms", &(Duration::ZERO..=Duration::from_secs(60)))
 }

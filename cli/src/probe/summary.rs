@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use fuseline_evaluation::duration::seconds;
 use fuseline_evaluation::{TripQuantiles, paper_round_trips};
 use serde::Serialize;
 
@@ -50,8 +51,8 @@ impl ProbeSummary {
             url: url.to_owned(),
             interrupted,
             rate: args.rate,
-            runtime_ms: args.runtime,
-            deadline_ms: args.deadline,
+            runtime_ms: seconds(args.runtime) * 1e3,
+            deadline_ms: seconds(args.deadline) * 1e3,
             counts: figures.counts,
             paused_ms: figures.paused.as_secs_f64() * 1000.0,
             answers_ms: figures.answers.reported(),
@@ -77,7 +78,7 @@ impl fmt::Display for ProbeSummary {
             missed,
         } = self.counts;
         if self.interrupted {
-            writeln!(f, "Ended early; this is the probe so far.")?;
+            writeln!(f, "Interrupted; this is the probe so far.")?;
         }
         writeln!(
             f,
@@ -209,7 +210,7 @@ mod tests {
         assert_eq!(
             lines,
             [
-                "Ended early; this is the probe so far.",
+                "Interrupted; this is the probe so far.",
                 "1000 slots at 30.5 a second.",
                 "800 sent: 600 answered, 150 failed, 50 unanswered at the end.",
                 "1 pause, 2.3 s in all; 190 slots skipped.",

@@ -7,7 +7,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 use crate::emulation::EmulationError;
-use crate::seconds::seconds;
+use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::{Model, ModelError};
 
 /// One cloud as the options name it.
@@ -61,14 +61,27 @@ pub(crate) enum CloudError {
     Twice(String),
     #[error("{0} is missing")]
     Missing(&'static str),
-    #[error("{key} {value:?} is not valid; it must be {wanted}")]
-    Value { key: &'static str, value: String, wanted: &'static str },
+    #[error("{key} {value:?} is not valid; {wanted}")]
+    Value { key: &'static str, value: String, wanted: String },
     #[error("{0} cannot be given with url; give it to fuseline serve there")]
     Remote(&'static str),
     #[error("{0} needs url")]
     Emulated(&'static str),
     #[error(transparent)]
     Model(#[from] ModelError),
+}
+
+impl CloudError {
+    /// The key that is wrong, if it is one.
+    pub(crate) fn key(&self) -> Option<&str> {
+        match self {
+            Self::Key(key) | Self::Twice(key) => Some(key),
+            Self::Value { key, .. } | Self::Remote(key) | Self::Emulated(key) => Some(key),
+            Self::Model(ModelError::Figure { key, .. }) => Some(key),
+            Self::Model(ModelError::Name(_) | ModelError::Device(_)) => Some("model"),
+            Self::Model(ModelError::Key(_)) | Self::Missing(_) | Self::Pair(_) => None,
+        }
+    }
 }
 
 /// What is wrong with all clouds together.
@@ -86,8 +99,8 @@ pub(crate) enum CloudsError {
 
 /// The clouds of a run without `--cloud`.
 pub(crate) const DEFAULTS: [&str; 2] = [
-    "name=west,priority=1,model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10,start=62",
-    "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150",
+    "name=west,priority=1,model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10,start=62s",
+    "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150s",
 ];
 
 impl CloudOptions {
@@ -168,7 +181,7 @@ fn find<'a>(
 impl FromStr for CloudOptions {
     type Err = CloudError;
 
-    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
+    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150s`, or with
     /// `url=…` instead of a drive. Values have no commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
         let pairs = text.split(',').map(|pair| {
@@ -218,14 +231,14 @@ impl CloudKeys {
     fn wanted(self) -> Result<CloudOptions, CloudError> {
         let name = self.name.ok_or(CloudError::Missing("name"))?;
         if name.is_empty() || name == "local" {
-            let wanted = "a name other than local";
+            let wanted = "it must be a name other than local".to_owned();
             return Err(CloudError::Value { key: "name", value: name, wanted });
         }
         let priority = self.priority.ok_or(CloudError::Missing("priority"))?;
         let priority = match priority.parse() {
             Ok(number) if number > 0 => number,
             _ => {
-                let wanted = "from 1 to 65535";
+                let wanted = "it must be from 1 to 65535".to_owned();
                 return Err(CloudError::Value { key: "priority", value: priority, wanted });
             }
         };
@@ -250,7 +263,7 @@ impl CloudKeys {
             }
             let model = model.ok_or(CloudError::Missing("model or url"))?;
             let drive = self.drive.ok_or(CloudError::Missing("drive or url"))?;
-            let start = start(self.start.as_deref().unwrap_or("0"))?;
+            let start = start(self.start.as_deref().unwrap_or("0s"))?;
             CloudAddress::Emulated { model, drive, start }
         };
         Ok(CloudOptions { name, priority, address })
@@ -285,13 +298,9 @@ impl FromStr for NamedValue<Duration> {
     }
 }
 
-/// Seconds with a fraction, from 0 to a year.
 fn start(text: &str) -> Result<Duration, CloudError> {
-    seconds(text, 0.0..=31_536_000.0).ok_or_else(|| CloudError::Value {
-        key: "start",
-        value: text.to_owned(),
-        wanted: "seconds, 0 or more",
-    })
+    let read = duration(text, "62s", &ANY);
+    read.map_err(|wanted| CloudError::Value { key: "start", value: text.to_owned(), wanted })
 }
 
 #[cfg(test)]
@@ -316,7 +325,7 @@ mod tests {
 
     #[test]
     fn an_emulated_cloud_has_a_model_and_a_drive() {
-        let text = "name=a,priority=7,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=1.5";
+        let text = "name=a,priority=7,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=1.5s";
         let cloud: CloudOptions = text.parse().unwrap();
         assert_eq!((cloud.name.as_str(), cloud.priority), ("a", 7));
         let start = Duration::from_millis(1500);
@@ -350,7 +359,7 @@ mod tests {
             ("name=a,priority=1", "model or url is missing"),
             ("name=a,priority=1,model=yolo", "no model \"yolo\""),
             ("name=a,priority=1,url=http://h,ap=50", "model is missing"),
-            ("name=a,priority=1,model=yolo,runtime=0,url=http://h", "runtime \"0\""),
+            ("name=a,priority=1,model=yolo,runtime=0ms,url=http://h", "runtime \"0ms\""),
             ("name=a,priority=1,model=DETR-ResNet-50", "drive or url is missing"),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,start=-1", "start \"-1\""),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),

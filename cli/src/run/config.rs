@@ -15,7 +15,7 @@ use crate::run::cloud::{CloudError, CloudOptions};
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ConfigFile {
-    cloud: Vec<Spanned<BTreeMap<String, Value>>>,
+    cloud: Vec<Spanned<BTreeMap<Spanned<String>, Value>>>,
 }
 
 /// Why a file gives no clouds.
@@ -48,9 +48,12 @@ pub(crate) fn clouds(path: &Path) -> Result<Vec<CloudOptions>, CloudFileError> {
         message: one_line(error.message()),
     })?;
     let clouds = config.cloud.into_iter().map(|cloud| {
-        let line = line(cloud.span().start);
+        let begin = line(cloud.span().start);
+        let mut lines = BTreeMap::new();
         let mut pairs = Vec::new();
         for (key, value) in cloud.into_inner() {
+            let (line, key) = (line(key.span().start), key.into_inner());
+            lines.insert(key.clone(), line);
             let value = match value {
                 Value::String(text) => text,
                 Value::Integer(number) => number.to_string(),
@@ -63,7 +66,10 @@ pub(crate) fn clouds(path: &Path) -> Result<Vec<CloudOptions>, CloudFileError> {
             pairs.push(Ok((key, value)));
         }
         let of_pairs = CloudOptions::of_pairs(pairs);
-        of_pairs.map_err(|source| CloudFileError::Cloud { file: file.clone(), line, source })
+        of_pairs.map_err(|source| {
+            let line = source.key().and_then(|key| lines.get(key)).copied().unwrap_or(begin);
+            CloudFileError::Cloud { file: file.clone(), line, source }
+        })
     });
     clouds.collect()
 }
@@ -83,13 +89,13 @@ mod tests {
     #[test]
     fn a_file_gives_the_clouds_that_the_command_line_gives() {
         let clouds = read(
-            "# two\n[[cloud]]\nname = \"west\"\npriority = 1\nmodel = \"own\"\nruntime = 45.5\nap = 52\n\
-             drive = \"cicv5g/rural_n8_v10\"\nstart = 62\n\n\
+            "# two\n[[cloud]]\nname = \"west\"\npriority = 1\nmodel = \"own\"\nruntime = \"45.5ms\"\nap = 52\n\
+             drive = \"cicv5g/rural_n8_v10\"\nstart = \"62s\"\n\n\
              [[cloud]]\nname = \"east\"\npriority = 2\nurl = \"https://h:1\"\ntoken = \"t\"\n",
         );
-        let drive = "drive=cicv5g/rural_n8_v10,start=62";
+        let drive = "drive=cicv5g/rural_n8_v10,start=62s";
         let expected = [
-            format!("name=west,priority=1,model=own,runtime=45.5,ap=52,{drive}"),
+            format!("name=west,priority=1,model=own,runtime=45.5ms,ap=52,{drive}"),
             "name=east,priority=2,url=https://h:1,token=t".to_owned(),
         ];
         assert_eq!(clouds.unwrap(), expected.map(|text| text.parse().unwrap()));
@@ -100,8 +106,17 @@ mod tests {
         for (text, expected) in [
             ("cloud = 3", "1: "),
             ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1: priority is missing"),
-            ("\n\n[[cloud]]\nnome = \"a\"", "3: no key \"nome\""),
-            ("[[cloud]]\nname = true", "1: key \"name\": a boolean is neither"),
+            ("\n\n[[cloud]]\nnome = \"a\"", "4: no key \"nome\""),
+            ("[[cloud]]\nname = true", "2: key \"name\": a boolean is neither"),
+            (
+                "[[cloud]]\nname = \"a\"\npriority = 1\nmodel = \"m\"\nruntime = 45",
+                "5: runtime \"45\" is not valid; it must be more than 0",
+            ),
+            ("[[cloud]]\nname = \"a\"\npriority = 0", "3: priority \"0\" is not valid"),
+            (
+                "[[cloud]]\nname=\"a\"\npriority=1\nurl=\"http://h\"\ndrive=\"d\"",
+                "5: drive cannot be given with url",
+            ),
             ("[[cloud]]\nname = ", "2: "),
             ("[[clouds]]\nname = \"a\"", "1: unknown field `clouds`"),
             ("", "1: missing field `cloud`"),

@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn a_line_has_the_time_and_all_that_came() {
-        let plan = plan(&["--seconds", "30"]);
+        let plan = plan(&["--for", "30s"]);
         let (view, latest) = (View::Plain, vec![None; 3]);
         let progress =
             RunProgress { plan: &plan, began: Instant::now(), view, latest, is_warned: false };
@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn the_network_is_that_of_the_drive_at_this_moment() {
-        let plan = plan(&["--start", "west=0"]);
+        let plan = plan(&["--start", "west=0s"]);
         let at = |cloud: usize, ms| {
             let emulation = plan.clouds[cloud].emulation().unwrap();
             network(emulation, Duration::from_millis(ms), Duration::from_millis(500))

@@ -87,7 +87,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .and_then(|()| verdict::print_report(&report.trace, &mut out, 0, false))
     }
     .map_err(Fault::Output)?;
-    if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
+    if let Some(page) = plan.page.as_ref().filter(|_| report.page.is_some()) {
         make(page, &plan, |found| args.doubted(found, silent))?;
         if !args.json {
             writeln!(out, "{}: the page of this run", page.name()).map_err(Fault::Output)?;

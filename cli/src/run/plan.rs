@@ -17,7 +17,7 @@ use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
 use crate::run::config::{self, CloudFileError};
 use crate::run::served::Served;
-use crate::seconds::seconds;
+use fuseline_evaluation::duration::{SHORTEST, duration};
 use fuseline_evaluation::link::{LinkArgs, LinkWidth, RecordedLink};
 use fuseline_evaluation::models::Model;
 
@@ -39,25 +39,25 @@ CSV files with columns sent_ms or second, and rtt_ms or NETWORK_rtt_ms; -1 is no
 sent then waits for it. A drive that is over starts again.
 
 Examples:
-  fuseline run --seconds 10 --commit patient
+  fuseline run --for 10s --commit patient
   fuseline run --report --open
-  fuseline run --drive west=vnperf/downtown:verizon --start west=300
-  fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
-  fuseline run --cloud name=a,priority=1,model=my-detector,runtime=45,ap=52,drive=my.csv
+  fuseline run --drive west=vnperf/downtown:verizon --start west=300s
+  fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5s
+  fuseline run --cloud name=a,priority=1,model=my-detector,runtime=45ms,ap=52,drive=my.csv
   fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051
   fuseline run --config fuseline.toml")]
 pub(crate) struct Args {
-    /// How long the camera runs, in seconds: more than 0, up to 86400.
-    #[arg(long, value_name = "S", default_value = "30", value_parser = span, allow_negative_numbers = true)]
-    seconds: Duration,
+    /// How long the camera runs, up to a day.
+    #[arg(long = "for", value_name = "TIME", default_value = "30s", value_parser = span, allow_hyphen_values = true,
+        alias = "seconds")]
+    span: Duration,
     /// How many frames the camera takes a second, 0.1 to 1000.
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate,
         allow_negative_numbers = true)]
     rate: f64,
-    /// How long a cloud may take at most, in milliseconds: 1 to 60000.
-    #[arg(long, value_name = "MS", default_value = "500",
-        allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    /// How long a cloud may take at most: whole milliseconds, 1ms to 1m.
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = deadline,
+        allow_hyphen_values = true)]
     deadline: u64,
     /// How much of that a request gets.
     #[arg(long, value_enum, default_value = "expected")]
@@ -77,7 +77,7 @@ pub(crate) struct Args {
     /// The seed of the emulated runtimes' spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The model computed locally: NAME@orin or NAME@a100; ,runtime=MS and ,ap=AP after it replace the paper's
+    /// The model computed locally: NAME@orin or NAME@a100; ,runtime=TIME and ,ap=AP after it replace the paper's
     /// figures, or describe a model of one's own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
@@ -91,7 +91,7 @@ pub(crate) struct Args {
     calls: NonZero<usize>,
     /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, runtime, ap, drive
     /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files) for a server
-    /// elsewhere. A model that the paper has not needs its runtime, in milliseconds; ap is its box AP, 0 to 100.
+    /// elsewhere. A model that the paper has not needs its runtime; ap is its box AP, 0 to 100.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<CloudOptions>,
     /// Take the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud. Paths in it count
@@ -101,8 +101,8 @@ pub(crate) struct Args {
     /// Another drive for a cloud; repeatable.
     #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
     drives: Vec<NamedValue<String>>,
-    /// Where a cloud's drive begins, in seconds; repeatable.
-    #[arg(long = "start", value_name = "CLOUD=S")]
+    /// Where a cloud's drive begins; repeatable.
+    #[arg(long = "start", value_name = "CLOUD=TIME")]
     starts: Vec<NamedValue<Duration>>,
     #[command(flatten)]
     link: LinkArgs,
@@ -203,7 +203,7 @@ pub(crate) enum PlanError {
     Clouds(#[from] CloudsError),
     #[error(transparent)]
     File(#[from] CloudFileError),
-    #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
+    #[error("{frames} frames are too many; choose --for and --rate for at most {MESSAGES}")]
     Frames { frames: u64 },
     #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
     Page(String),
@@ -238,7 +238,7 @@ impl RunPlan {
             clippy::cast_sign_loss,
             reason = "positive and far below 2^53"
         )]
-        let frames = (args.seconds.as_secs_f64() * args.rate - 1e-6).ceil() as u64;
+        let frames = (args.span.as_secs_f64() * args.rate - 1e-6).ceil() as u64;
         if frames > MESSAGES {
             return Err(PlanError::Frames { frames }.into());
         }
@@ -253,7 +253,7 @@ impl RunPlan {
         let page = page.transpose()?;
         let clouds = wanted.into_iter().map(|cloud| CloudPlan::new(cloud, args.seed));
         Ok(Self {
-            span: args.seconds,
+            span: args.span,
             rate: args.rate,
             period,
             frames,
@@ -359,9 +359,17 @@ fn page_of(
 }
 
 /// Up to a day.
-fn span(text: &str) -> Result<Duration, &'static str> {
-    let span = seconds(text, 0.0..=86_400.0).filter(|span| !span.is_zero());
-    span.ok_or("it must be seconds, more than 0 and up to 86400, a day")
+fn span(text: &str) -> Result<Duration, String> {
+    duration(text, "30s", &(SHORTEST..=Duration::from_secs(86_400)))
+}
+
+/// Whole milliseconds.
+fn deadline(text: &str) -> Result<u64, String> {
+    let read = duration(text, "500ms", &(Duration::from_millis(1)..=Duration::from_secs(60)))?;
+    let ms = u64::try_from(read.as_millis()).unwrap_or(u64::MAX);
+    (Duration::from_millis(ms) == read)
+        .then_some(ms)
+        .ok_or("it must be whole milliseconds".to_owned())
 }
 
 fn rate(text: &str) -> Result<f64, &'static str> {

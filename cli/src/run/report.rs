@@ -63,6 +63,9 @@ pub(crate) struct RunReport {
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
     pub(crate) trace: Findings,
+    /// The page of the run, if one is made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) page: Option<String>,
 }
 
 /// One source's part in a run.
@@ -226,6 +229,9 @@ impl Reading {
             policies: policies(&messages, plan, &totals, driven),
             totals,
             trace: Findings::Strict(self.verdict),
+            page: (driven.unrecorded.is_none())
+                .then(|| plan.page.as_ref().map(|it| it.name().to_owned()))
+                .flatten(),
         }
     }
 

@@ -149,7 +149,7 @@ fn undescribed(plan: &RunPlan) -> String {
 impl fmt::Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.interrupted {
-            writeln!(f, "Ended early; this is the run so far.\n")?;
+            writeln!(f, "Interrupted; this is the run so far.\n")?;
         }
         let name = |row: &RequestRow| {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
@@ -242,7 +242,7 @@ impl RunReport {
             self.caveats().iter().map(|caveat| caveat.replace('\n', " ")).collect();
         caveats.extend(outages(plan).lines().map(ToOwned::to_owned));
         if self.interrupted {
-            caveats.push("The run was ended early.".to_owned());
+            caveats.push("The run was interrupted.".to_owned());
         }
         let policies = PolicyScores { columns, rows };
         RunNotes { configuration: configuration(plan), policies, caveats }

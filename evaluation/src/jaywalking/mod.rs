@@ -16,7 +16,7 @@ use crate::ScenarioError;
 pub(crate) use crate::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::jaywalking::hypotheses::{HypothesisRow, UnlikelyEvent};
 use crate::jaywalking::planning::{PlanCallOutcome, Planning};
-use crate::options::{OutputOptions, above_0, not_below_0, speed};
+use crate::options::{OutputOptions, above_0, not_below_0, speed, time};
 use crate::plot::{Folder, PageContent, show};
 
 /// What the page says first.
@@ -66,8 +66,8 @@ pub(crate) struct Args {
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// Responses, in s: the first is that of the planner on board, the last that of a cached plan.
-    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.5,0.4", value_parser = not_below_0)]
+    /// Responses: the first is that of the planner on board, the last that of a cached plan.
+    #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', default_value = "500ms,400ms", value_parser = time)]
     response: Vec<f64>,
     /// Speeds of the car, in m/s †.
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "9", value_parser = speed)]

@@ -21,7 +21,7 @@ use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::networks::linked::LinkedResponses;
 use crate::networks::policy::{OBSERVED, ResponsePolicy, before, deadline, observe};
 use crate::operator::ScenarioOperator;
-use crate::options::{OutputOptions, VehicleArgs, above_0, not_below_0, speed};
+use crate::options::{OutputOptions, VehicleArgs, above_0, speed, time};
 use crate::plot::{Folder, PageContent, show};
 
 /// All that is recorded but the wifi, which was hardly ever there.
@@ -61,7 +61,7 @@ Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
 
 Examples:
   fuseline scenario networks
-  fuseline scenario networks --drive cicv5g/rural_n8_v10 --speed 20,22 --policy local,0.5,guard
+  fuseline scenario networks --drive cicv5g/rural_n8_v10 --speed 20,22 --policy local,500ms,guard
   fuseline scenario networks --uplink 10 --downlink 50 --request-kb 33.3
   fuseline scenario networks --drive my-drive.csv --json")]
 pub(crate) struct Args {
@@ -71,14 +71,14 @@ pub(crate) struct Args {
     /// Speeds, in m/s [default: 11 to 30 in steps of 1].
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,12,13,14,15,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30", hide_default_value = true, value_parser = speed)]
     speed: Vec<f64>,
-    /// Who answers: local, cloud, first, a constant deadline in s, guard, expected.
-    #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,0.5,0.76,guard,expected", value_parser = ResponsePolicy::parse)]
+    /// Who answers: local, cloud, first, a constant deadline such as 500ms, guard, expected.
+    #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,500ms,760ms,guard,expected", value_parser = ResponsePolicy::parse)]
     policy: Vec<ResponsePolicy>,
     /// How many moments, evenly over each drive, at which the obstacle comes into sight.
     #[arg(long, value_name = "N", default_value = "400", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     starts: u32,
-    /// How long the cloud computes, in s; its response is that plus the drive's round trip.
-    #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
+    /// How long the cloud computes; its response is that plus the drive's round trip.
+    #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = time)]
     cloud_runtime: f64,
     #[command(flatten)]
     link: LinkArgs,

@@ -10,7 +10,7 @@ use fuseline_testkit::networks::Drive;
 use serde::{Serialize, Serializer};
 
 use crate::approach::{Approach, Vehicle, nanos};
-use crate::options::above_0;
+use crate::options::time_above_0;
 
 /// How long before the first frame calls are observed.
 pub(crate) const OBSERVED: Duration = Duration::from_secs(30);
@@ -34,9 +34,11 @@ impl ResponsePolicy {
             "first" => Self::First,
             "guard" => Self::Guard,
             "expected" => Self::Expected,
-            text => Self::Constant(Duration::from_secs_f64(above_0(text).map_err(
-                |_| "write local, cloud, first, guard, expected or a number of seconds above 0",
-            )?)),
+            text => {
+                Self::Constant(Duration::from_secs_f64(time_above_0(text).map_err(|wanted| {
+                    format!("write local, cloud, first, guard, expected or a deadline: {wanted}")
+                })?))
+            }
         })
     }
 

@@ -12,7 +12,7 @@ use std::io::Write;
 use serde::Serialize;
 
 use crate::ScenarioError;
-use crate::options::{OutputOptions, above_0, any, not_below_0, speed};
+use crate::options::{OutputOptions, above_0, not_below_0, signed_time, speed, time};
 use crate::plot::{Folder, PageContent, show};
 use crate::red_light::crossing::{Crossing, Ego, WarningSource};
 pub(crate) use crate::red_light::geometry::{CrossingGeometry, Variant};
@@ -43,7 +43,7 @@ Exit code 0 when done, 2 if an option or a folder is of no use.
 Examples:
   fuseline scenario red-light
   fuseline scenario red-light --variant skewed --no-occluder
-  fuseline scenario red-light --delta 0 --round-trip 0.068,0.5 --json")]
+  fuseline scenario red-light --delta 0s --round-trip 68ms,500ms --json")]
 pub(crate) struct Args {
     /// Which intersections †.
     #[arg(
@@ -59,11 +59,11 @@ pub(crate) struct Args {
     /// The speed of the car that runs the light, in m/s † [default: 14].
     #[arg(long, value_name = "V", value_parser = speed)]
     runner_speed: Option<f64>,
-    /// How much later than ego the other car is at its place, in s; below 0 is earlier.
-    #[arg(long, value_name = "S,S,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-0.2,-0.1,0,0.1,0.2", value_parser = any)]
+    /// How much later than ego the other car is at its place; below 0 is earlier.
+    #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-200ms,-100ms,0s,100ms,200ms", value_parser = signed_time)]
     delta: Vec<f64>,
-    /// Round trips between ego and the cloud, in s.
-    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.068,0.336,3.027", value_parser = not_below_0)]
+    /// Round trips between ego and the cloud.
+    #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', default_value = "68ms,336ms,3.027s", value_parser = time)]
     round_trip: Vec<f64>,
     /// Nothing hides the car.
     #[arg(long)]
@@ -74,17 +74,17 @@ pub(crate) struct Args {
     /// How far the detector in the cloud sees, in m †.
     #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
     range_cloud: f64,
-    /// From a frame's capture until the result on board, in s.
-    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = not_below_0)]
+    /// From a frame's capture until the result on board.
+    #[arg(long, value_name = "TIME", default_value = "301.7ms", value_parser = time)]
     local_response: f64,
-    /// How long the detector in the cloud computes, in s.
-    #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
+    /// How long the detector in the cloud computes.
+    #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = time)]
     cloud_runtime: f64,
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// How long after the decision the brakes bite, in s †.
-    #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
+    /// How long after the decision the brakes bite †.
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: f64,
     #[command(flatten)]
     leave: OutputOptions,

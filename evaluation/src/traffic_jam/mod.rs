@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::ScenarioError;
 use crate::approach::{Approach, Vehicle};
-use crate::options::{OutputOptions, VehicleArgs, not_below_0, speed};
+use crate::options::{OutputOptions, VehicleArgs, speed, time};
 use crate::plot::{PageContent, show};
 use crate::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
 use crate::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
@@ -45,15 +45,15 @@ Exit code 0 when done, 2 if an option or a folder is of no use.
 
 Examples:
   fuseline scenario traffic-jam
-  fuseline scenario traffic-jam --approach ours --deadline 0.5
+  fuseline scenario traffic-jam --approach ours --deadline 500ms
   fuseline scenario traffic-jam --local-serial --cells-only --json
   fuseline scenario traffic-jam -o pictures --trace traces && fuseline check traces/*.jsonl")]
 pub(crate) struct Args {
     /// Speeds, in m/s.
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,18,20,22,24", value_parser = speed)]
     speed: Vec<f64>,
-    /// Responses of the cloud, from a frame's capture to its result, in s.
-    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.5,0.75,1,1.25,1.5,3", value_parser = not_below_0)]
+    /// Responses of the cloud, from a frame's capture to its result.
+    #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', default_value = "500ms,750ms,1s,1.25s,1.5s,3s", value_parser = time)]
     response: Vec<f64>,
     /// Who answers.
     #[arg(
@@ -63,7 +63,7 @@ pub(crate) struct Args {
         default_value = "local,cloud,ours"
     )]
     approach: Vec<Approach>,
-    /// The deadline of ours: guard, expected, or a constant in s.
+    /// The deadline of ours: guard, expected, or a constant such as 500ms.
     #[arg(long, value_name = "HOW", default_value = "guard", value_parser = deadline)]
     deadline: DeadlineChoice,
     /// Only the cells: leave out how narrow they are, constant deadlines, and R101 on board.
@@ -79,9 +79,9 @@ fn deadline(text: &str) -> Result<DeadlineChoice, String> {
     match text {
         "guard" => Ok(DeadlineChoice::Guard),
         "expected" => Ok(DeadlineChoice::Expected),
-        text => match not_below_0(text) {
+        text => match time(text) {
             Ok(seconds) => Ok(DeadlineChoice::Constant(Duration::from_secs_f64(seconds))),
-            Err(_) => Err("write guard, expected or a number of seconds".to_owned()),
+            Err(wanted) => Err(format!("write guard, expected or a deadline: {wanted}")),
         },
     }
 }

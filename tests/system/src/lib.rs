@@ -18,6 +18,9 @@ pub mod simulate;
 #[path = "../../../cli/src/deadline.rs"]
 mod deadline;
 #[cfg(feature = "parsers")]
+#[path = "../../../evaluation/src/duration.rs"]
+pub mod duration;
+#[cfg(feature = "parsers")]
 #[path = "../../../cli/src/exit.rs"]
 mod exit;
 #[cfg(feature = "parsers")]

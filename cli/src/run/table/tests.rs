@@ -126,19 +126,19 @@ const OWN: [&str; 24] = [
     "--workers",
     "1",
     "--local",
-    "mine,runtime=50",
+    "mine,runtime=50ms",
     "--rate",
     "2.5",
-    "--seconds",
-    "1.5",
+    "--for",
+    "1.5s",
     "--deadline",
-    "80",
+    "80ms",
     "--uplink",
     "20",
     "--link-queue",
     "300",
     "--cloud",
-    "name=a,priority=3,model=my,runtime=45,drive=cicv5g/rural_n8_v0,start=1.5",
+    "name=a,priority=3,model=my,runtime=45ms,drive=cicv5g/rural_n8_v0,start=1.5s",
     "--window",
     "5",
     "--calls",
@@ -176,7 +176,8 @@ fn a_plan_is_described_as_it_was_chosen() {
             "All clouds share a link: uplink 20 Mbit/s, queues of 300 KB.",
         ]
     );
-    let mixed = ["--local", "mine,runtime=50", "--seed", "7", "--downlink", "0.5", "--uplink", "2"];
+    let mixed =
+        ["--local", "mine,runtime=50ms", "--seed", "7", "--downlink", "0.5", "--uplink", "2"];
     let text = PlanSummary(&plan(&mixed)).to_string();
     assert!(text.contains("the paper's and the given runtimes ±5 % (seed 7)"), "{text}");
     assert!(text.contains("uplink 2 Mbit/s, downlink 0.5 Mbit/s, queues of 4000 KB."), "{text}");
@@ -186,7 +187,7 @@ fn a_plan_is_described_as_it_was_chosen() {
 fn what_a_server_did_not_say_is_reported_with_what_is_known_of_it() {
     let remote = |more: &str, drive: Option<&str>| {
         let cloud = format!("name=a,priority=2,url=http://h:1{more}");
-        let mut plan = plan(&["--seconds", "1", "--cloud", &cloud]);
+        let mut plan = plan(&["--for", "1s", "--cloud", &cloud]);
         plan.clouds[0].served.describe_error = Some("no answer".to_owned());
         plan.clouds[0].served.drive = drive.map(ToOwned::to_owned);
         lines(&PlanSummary(&plan).to_string())
@@ -213,12 +214,12 @@ fn outages_of_a_second_and_more_are_named_up_to_four_of_a_cloud() {
     assert_eq!(spans(&all[..1]), "0.0–1.0 s");
     assert_eq!(spans(&all[..4]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s");
     assert_eq!(spans(&all[..5]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s and later");
-    let west = ["--drive", "west=cicv5g/rural_n8_v0", "--start", "west=12", "--seconds", "17"];
+    let west = ["--drive", "west=cicv5g/rural_n8_v0", "--start", "west=12s", "--for", "17s"];
     // One that is out of reach is named, and nothing that they have in common.
     assert_eq!(outages(&plan(&west)), "These drives leave no reply in time: east 14.0–17.0 s.\n");
     assert_eq!(outages(&plan(&[&west[..5], &["9"]].concat())), "");
-    let alone = "name=a,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150";
-    let alone = outages(&plan(&["--cloud", alone, "--seconds", "17"]));
+    let alone = "name=a,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150s";
+    let alone = outages(&plan(&["--cloud", alone, "--for", "17s"]));
     assert_eq!(alone, "These drives leave no reply in time: a 14.0–17.0 s.\n");
 }
 
@@ -265,6 +266,7 @@ fn reported() -> RunReport {
     RunReport {
         messages: 40,
         interrupted: false,
+        page: None,
         rate: 2.5,
         deadline_ms: 80,
         policy: "constant",
@@ -323,7 +325,7 @@ fn each_figure_of_a_report_stands_where_it_belongs() {
         assert!(!caveats.contains(absent), "{caveats}");
     }
     let early = RunReport { interrupted: true, ..reported() }.to_string();
-    assert!(early.starts_with("Ended early; this is the run so far.\n\n"), "{early}");
+    assert!(early.starts_with("Interrupted; this is the run so far.\n\n"), "{early}");
 }
 
 #[test]
@@ -389,7 +391,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
         ]
     );
     assert_eq!(notes.policies.columns.len(), notes.policies.rows[0].len());
-    assert!(notes.caveats.iter().all(|caveat| !caveat.contains("ended early")));
+    assert!(notes.caveats.iter().all(|caveat| !caveat.contains("was interrupted")));
     let default = RunReport { interrupted: true, ..reported() }.notes(&plan(&[]));
     assert!(
         default.configuration.contains(&(
@@ -397,7 +399,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
             "expected, 0.01 AP a millisecond".to_owned()
         ))
     );
-    assert_eq!(default.caveats.last().unwrap(), "The run was ended early.");
+    assert_eq!(default.caveats.last().unwrap(), "The run was interrupted.");
     let outage = "These drives leave no reply in time: west 11.6–22.8 s, east 14.0–30.0 s, both 14.0–22.8 s.";
     assert!(default.caveats.contains(&outage.to_owned()), "{:?}", default.caveats);
     assert!(default.caveats.iter().all(|caveat| !caveat.contains('\n')));
