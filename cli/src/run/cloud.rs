@@ -372,7 +372,7 @@ mod tests {
     #[test]
     fn another_drive_begins_at_its_start_and_another_start_keeps_the_drive() {
         let mut clouds = defaults();
-        let (drive, start) = (named("west=vnperf/downtown:verizon"), named("east=7"));
+        let (drive, start) = (named("west=vnperf/downtown:verizon"), named("east=7s"));
         adjust(&mut clouds, &[drive], &[start]).unwrap();
         let (west, east) = ("vnperf/downtown:verizon", "vnperf/highway:sprint");
         assert_eq!(clouds[0].address, emulated("DETR-ResNet-101", west, Duration::ZERO));
@@ -384,7 +384,7 @@ mod tests {
         let fault = adjust(&mut defaults(), &[named("north=x")], &[]).unwrap_err().to_string();
         assert!(fault.contains("there are west, east"), "{fault}");
         let mut elsewhere = vec!["name=a,priority=1,url=http://h".parse().unwrap()];
-        let fault = adjust(&mut elsewhere, &[], &[named("a=1")]).unwrap_err().to_string();
+        let fault = adjust(&mut elsewhere, &[], &[named("a=1s")]).unwrap_err().to_string();
         assert!(fault.contains("elsewhere"), "{fault}");
     }
 

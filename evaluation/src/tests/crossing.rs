@@ -90,17 +90,18 @@ fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
         let manoeuvre = random.one_of(&[Manoeuvre::Swerve, Manoeuvre::Brake]);
         let (speed, response) = (random.f64_between(4.0, 16.0), random.f64_between(0.2, 0.8));
         let first = street.contact(speed, manoeuvre, response).is_some();
-        // The rear axle, 3.38 m behind the front and 2.58 m behind the front axle, and the angles of car and wheels.
-        let (mut rear, mut now_speed) = ([-3.38, 0.0], speed);
+        // The centre of mass, 2.35 m behind the front, and the angles of car, wheels and slip.
+        let (mut middle, mut now_speed) = ([-2.35, 0.0], speed);
         let (mut heading, mut steering) = (0.0_f64, 0.0_f64);
+        let (mut yaw, mut slip) = (0.0_f64, 0.0_f64);
         let mut nearest = f64::INFINITY;
         for step in 0..20_000 {
             let now = f64::from(step) * STEP;
             let person = [street.distance, street.person_speed * now - 1.75];
             let (sin, cos) = heading.sin_cos();
-            let apart = [person[0] - rear[0], person[1] - rear[1]];
+            let apart = [person[0] - middle[0], person[1] - middle[1]];
             let (ahead, left) = (apart[0] * cos + apart[1] * sin, apart[1] * cos - apart[0] * sin);
-            let x = (ahead - 3.38).max(-1.32 - ahead).max(0.0);
+            let x = (ahead.abs() - 2.35).max(0.0);
             let y = (left.abs() - 0.95).max(0.0);
             if heading < std::f64::consts::FRAC_PI_2 {
                 nearest = f64::min(nearest, x.hypot(y) - 0.3);
@@ -117,8 +118,14 @@ fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
                 }
                 Manoeuvre::Swerve | Manoeuvre::Brake => {}
             }
-            rear = [rear[0] + now_speed * STEP * cos, rear[1] + now_speed * STEP * sin];
-            heading += now_speed * STEP * steering.tan() / 2.58;
+            let (sin, cos) = (heading + slip).sin_cos();
+            middle = [middle[0] + now_speed * STEP * cos, middle[1] + now_speed * STEP * sin];
+            heading += yaw * STEP;
+            // CommonRoad's single track: its mass, inertia and tyres as quotients.
+            let quick = 215.04 / speed;
+            let slips = quick * (0.5517 * steering - slip) - yaw;
+            yaw += quick / 0.9962 * (speed / 2.5789 * steering - yaw) * STEP;
+            slip += slips * STEP;
         }
         if nearest.abs() > 0.03 {
             compared += 1;
