@@ -1,11 +1,13 @@
-"""Operators that compute each message on board and in clouds, and forward the best in time.
+"""Computes each message on board and in clouds, and forwards the best result that is in time.
 
-`Operator` does that within asyncio; `Fusion` is the machine that decides, without a clock or a
-network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded,
-and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` calls clouds
-and serves them.
+- `Operator` does that within asyncio, and `BlockingOperator` in programs without an event loop.
+- `Fusion` is the machine that decides, without a clock or a network, for loops of your own.
+- `Join` puts the outputs of several operators or sensors together.
+- `check`, `check_observed` and `replay` judge recorded traces, and `report` shows them on a page.
+- `fuseline.deadline` chooses deadlines.
+- `fuseline.grpc` calls clouds and serves them.
 
-The words are those of SPEC.md.
+SPEC.md defines the terms. Identifiers in parentheses, such as F3, refer to its rules.
 """
 
 from importlib.metadata import version as _version

@@ -78,11 +78,11 @@ class ArrayKinds:
         self._is_reported = False
 
     def learn(self, action: Any) -> None:
-        """Remember which kinds of rows an action on board has."""
+        """Remembers which kinds of rows an action on board has."""
         self._on_board = _kinds_of(action)
 
     def check(self, action: Any) -> None:
-        """Log the first reply that has another kind of rows than the action on board."""
+        """Logs the first reply that has another kind of rows than the action on board."""
         if self._is_reported:
             return
         for key, kind in _kinds_of(action).items():
@@ -100,7 +100,7 @@ class ArrayKinds:
 
 
 def _kinds_of(action: Any) -> dict[Any, str]:
-    """Return the type of each row of numbers, by its key in a dictionary, or by None."""
+    """Returns the type of each row of numbers, by its key in a dictionary, or by None."""
     parts = action if isinstance(action, Mapping) else {None: action}
     return {
         key: type(it).__name__

@@ -39,7 +39,7 @@ LINES = pa.schema(
 
 
 def table(rows: list[tuple[object, ...]], schema: pa.Schema) -> pa.Table:
-    """A table of these rows."""
+    """Returns a table of these rows."""
     columns = list(zip(*rows, strict=True)) or [()] * len(schema)
     arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
     return pa.Table.from_arrays(arrays, schema=schema)

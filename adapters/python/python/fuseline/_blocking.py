@@ -1,4 +1,4 @@
-"""An operator for programs without an event loop: scripts, and control loops of their own."""
+"""Runs an operator for programs without an event loop: scripts, and loops of their own."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class BlockingOperator(Generic[M, V]):
             self._end()
 
     def write(self, message: M, lineage: Lineage | None = None) -> int:
-        """Take a message in; return its timestamp.
+        """Takes a message in, and returns its timestamp.
 
         Raises:
             Full: if items wait to be read, as many as the operator's ``output_len``.
@@ -93,7 +93,7 @@ class BlockingOperator(Generic[M, V]):
         return self._call(self._write(message, lineage))
 
     def read(self, timeout: float | None = None) -> Item[V] | None:
-        """The next item; None if none comes within so many seconds, or none will come any more.
+        """Returns the next item, or None if none comes within ``timeout`` seconds or ever.
 
         If it is interrupted, as by Ctrl-C, the next call gets the item.
         """
@@ -108,7 +108,7 @@ class BlockingOperator(Generic[M, V]):
             raise
 
     def __iter__(self) -> Iterator[Item[V]]:
-        """The items, until the operator is closed and all are read."""
+        """Yields the items until the operator is closed and all are read."""
         while True:
             item = self.read()
             if item is None:
@@ -116,7 +116,7 @@ class BlockingOperator(Generic[M, V]):
             yield item
 
     def close(self) -> None:
-        """Take no more messages; the items end once all are answered."""
+        """Takes no more messages; the items end once all messages are answered."""
         self._call(self._close())
 
     async def _write(self, message: M, lineage: Lineage | None) -> int:
@@ -133,7 +133,7 @@ class BlockingOperator(Generic[M, V]):
         self.operator.close()
 
     def _call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the operator's loop, and wait for it."""
+        """Runs a coroutine on the operator's loop, and waits for it."""
         if self._loop is None or self._loop.is_closed():
             coroutine.close()
             raise ConfigError("the operator does not run; use it with `with`")
@@ -167,7 +167,7 @@ class BlockingOperator(Generic[M, V]):
 
 
 class _Handover(Generic[V]):
-    """An item on its way to a thread that may be interrupted meanwhile."""
+    """Carries an item to a thread that may be interrupted meanwhile."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -175,13 +175,13 @@ class _Handover(Generic[V]):
         self._is_abandoned = False
 
     def take(self, item: Item[V]) -> bool:
-        """Whether somebody still waits for it."""
+        """Hands the item over; returns whether somebody still waits for it."""
         with self._lock:
             self._item = item
             return not self._is_abandoned
 
     def abandon(self) -> Item[V] | None:
-        """Nobody waits any more; the item that was on its way, if one was."""
+        """Ends the wait, and returns the item that was on its way, if there was one."""
         with self._lock:
             self._is_abandoned = True
             return self._item
@@ -198,7 +198,7 @@ def _run(loop: asyncio.AbstractEventLoop, name: str, has_ended: threading.Event)
 
 
 def _run_on(loop: asyncio.AbstractEventLoop, name: str) -> None:
-    """Run the loop until it is stopped, or until a call raises what ends a program."""
+    """Runs the loop until it is stopped, or until a call raises what ends a program."""
     try:
         loop.run_forever()
     except BaseException as error:

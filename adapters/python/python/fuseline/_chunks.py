@@ -1,4 +1,4 @@
-"""Chunks: replies with the actions of several ticks, and how one follows the other."""
+"""Plays chunks: replies that hold the actions of several ticks."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class ChunkPlan:
         self._next = 0
 
     def request(self, observation: Any, t: int) -> None:
-        """Request a chunk for a tick's observation, if it is time and none is under way."""
+        """Requests a chunk for a tick's observation, if it is time and none is under way."""
         self._tick = t
         is_free = self._request is None or self._request.done()
         if is_free and t >= self._next and self._remote.is_ready():
@@ -153,12 +153,12 @@ class ChunkPlan:
         return StampedValue(action, of)
 
     def clear(self) -> None:
-        """Forget all actions, also those of a chunk that is under way."""
+        """Forgets all actions, also those of a chunk that is under way."""
         self._episode += 1
         self._chunks.clear()
 
     def close(self) -> None:
-        """End the request under way."""
+        """Ends the request under way."""
         if self._request is not None and self._loop is not None:
             self._loop.call_soon_threadsafe(self._request.cancel)
 

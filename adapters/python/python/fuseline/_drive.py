@@ -1,4 +1,4 @@
-"""The only place that reads an operator's clock, sets its timer and runs its calls."""
+"""Reads an operator's clock, sets its timer and runs its calls; nothing else does."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _log = logging.getLogger("fuseline")
 
 
 class Driver(Generic[M, V]):
-    """An engine with its loop; it starts with its clock at 0.
+    """Drives an engine by its loop; the engine's clock starts at 0.
 
     Args:
         name: The operator's name.
@@ -135,28 +135,28 @@ class Driver(Generic[M, V]):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no message is open, and nothing is being decided."""
+        """Tells whether no message is open and nothing is being decided."""
         return self._calls.is_idle
 
     def has_room(self, window: int) -> bool:
-        """Whether fewer messages are open, as far as that can be known now."""
+        """Tells whether fewer messages are open, as far as that can be known now."""
         return self._calls.has_room(window)
 
     def close(self) -> None:
-        """No more messages come."""
+        """Takes no more messages."""
         self._calls.close()
 
     def set_situation(self, situation: Situation) -> None:
-        """Set what policies know of the vehicle from now on."""
+        """Sets what policies know of the vehicle from now on."""
         if not self._calls.is_over:
             self._engine.set_situation(situation)
 
     def now(self) -> int:
-        """The instant, in nanoseconds since the start."""
+        """Returns the instant, in nanoseconds since the start."""
         return self._calls.now()
 
     def fields_of(self, now: int, lineage: Lineage) -> LineageFields:
-        """What the engine is given of a lineage.
+        """Returns the fields of a lineage that the engine takes.
 
         Raises:
             TimeError: if the capture is of another clock.
@@ -169,7 +169,7 @@ class Driver(Generic[M, V]):
     def open(
         self, now: int, t: int, message: M, lineage: Lineage | None, fields: LineageFields | None
     ) -> None:
-        """A message came. It and all offers have one instant: equal deadlines end together."""
+        """Takes a message in. All offers have its instant, so equal deadlines end together."""
         calls = self._calls
         if self._messages is not None:
             self._messages[t] = message
@@ -182,7 +182,7 @@ class Driver(Generic[M, V]):
                 side.on_message(message, call)
 
     def stop(self) -> None:
-        """End at once: calls are aborted, and the trace is whole up to here.
+        """Ends at once: aborts calls, and completes the trace up to here.
 
         A handler or a policy may call it in the midst of an input: then that is the last one, and
         no call begins of it.
@@ -205,7 +205,7 @@ class Driver(Generic[M, V]):
         self.recording.end(self._loop)
 
     async def finish(self) -> None:
-        """Wait until the trace is written, and a while for aborted calls to end."""
+        """Waits until the trace is written, and a while for aborted calls to end."""
         aborted = [task for source in self._sources.values() for task in source.aborted]
         await wait_for_cancelled(self.name, "aborted calls", aborted)
         await self.recording.finish()
@@ -216,7 +216,7 @@ class Driver(Generic[M, V]):
         return None if captured is None else max(self._calls.start + now - captured, 0)
 
     def _source_of(self, p: int, source: SourceTasks) -> _Source:
-        """A source as the extension has it."""
+        """Returns a source as the extension takes it."""
         cloud = source.cloud
         if cloud is None:
             named = f"{self.name}: local"
@@ -228,7 +228,7 @@ class Driver(Generic[M, V]):
     # What the extension calls.
 
     def _call_of(self, now: int, t: int, left: float) -> Call:
-        """The call of a message that may have a lineage."""
+        """Returns the `Call` of a message that may have a lineage."""
         lineage = self._lineages.get(t)
         return Call(
             t, left, lineage, None if lineage is None else _seconds(self._age(now, lineage))
@@ -241,7 +241,7 @@ class Driver(Generic[M, V]):
         self._local._replace(t)
 
     def _give(self, item: Item[V]) -> None:
-        """Complete an item, and give it."""
+        """Completes an item, and puts it out."""
         t = item.timestamp
         if self._lineages:
             lineages = self._lineages
@@ -252,7 +252,7 @@ class Driver(Generic[M, V]):
         self._output(item)
 
     def _complete(self, item: Item[V]) -> None:
-        """Take over the state of a result, and give what is sent without one."""
+        """Takes over the state of a result, and adds the substitute where there is no result."""
         handlers, ending = self._handlers, item.ending
         try:
             if ending is _FORWARDED or ending is _PRELIMINARY:
@@ -274,7 +274,7 @@ class Driver(Generic[M, V]):
             self.counting.handler_failed(None)
 
     def _arm(self, due: int, now: int) -> None:
-        """Set the timer; it is never moved further away, which would cost more than it saves."""
+        """Sets the timer, and never moves it further away: that would cost more than it saves."""
         if self._timer is not None:
             self._timer.cancel()
         left = min(max(due - now, 0), _DAY)
@@ -285,7 +285,7 @@ class Driver(Generic[M, V]):
         self._calls.wake_up()
 
     def _offers(self, t: int, message: M) -> Iterator[tuple[int, Any, ns]]:
-        """What is offered to clouds for a message that was taken on."""
+        """Yields the offers to clouds for a message that was accepted."""
         encoded: list[EncodedRequest] = []
         for it in self._clouds:
             begin = self._read_clock()
@@ -309,19 +309,19 @@ class Driver(Generic[M, V]):
         self._taken_on = t
 
     def _awaiting(self, p: int, t: int, returned: Any) -> Coroutine[Any, Any, None]:
-        """What a handle or local returned, if it is no coroutine."""
+        """Returns the task for an awaitable of a handle or of local that is no coroutine."""
         cloud = self._sources[p].cloud
         work = value_of(returned) if cloud is None else response_of(cloud, returned)
         return self._settled(p, t, work)
 
     def _encoded(self, p: int, request: EncodedRequest, call: Call) -> Coroutine[Any, Any, None]:
-        """A call whose request is to be encoded."""
+        """Returns the task for a call whose request is to be encoded."""
         encoder = self._sources[p].encoder
         assert encoder is not None
         return self._settled(p, call.timestamp, encoder.call(request, call))
 
     def _value_later(self, p: int, t: int, value: Awaitable[Any]) -> Coroutine[Any, Any, None]:
-        """What a response handler gave, if that is to be awaited."""
+        """Returns the task for an awaitable that a response handler gave."""
         return self._settled(p, t, awaited_value(value))
 
     async def _settled(self, p: int, t: int, work: Awaitable[Any]) -> None:
@@ -333,13 +333,13 @@ class Driver(Generic[M, V]):
             self._calls.came(p, t, value)
 
     def _without_value(self, p: int, t: int) -> None:
-        """A result of None: most likely nobody returned one."""
+        """Fails a call whose result is None: most likely a ``return`` is missing."""
         cloud = self._sources[p].cloud
         what = "local" if cloud is None else "the handle or the response handler"
         self._failed(p, t, no_value(what))
 
     def _failed(self, p: int, t: int, error: BaseException) -> None:
-        """D7: an error of a call or of local is a failure, and no other message notices."""
+        """Takes an error of a call or of local as a failure of its message alone (D7)."""
         is_cancelled = isinstance(error, asyncio.CancelledError)
         in_flight = self._sources[p].in_flight
         if t in in_flight:
@@ -358,7 +358,7 @@ class Driver(Generic[M, V]):
             raise error
 
     def _miswired(self, p: int, error: WiringError) -> None:
-        """Every call will fail like that: counted, and logged at the first."""
+        """Counts a mistake that each call will repeat, and logs it once for each source."""
         self.counting.handler_failed(p)
         if p not in self._miswired_sources:
             self._miswired_sources.add(p)
@@ -374,7 +374,7 @@ def _seconds(nanos: int | None) -> float | None:
 async def wait_for_cancelled(
     name: str, what: str, tasks: Iterable[asyncio.Task[Any]], seconds: float = GRACE
 ) -> None:
-    """Wait until tasks that were cancelled have ended, but no longer than this."""
+    """Waits until tasks that were cancelled have ended, but no longer than ``seconds``."""
     left = set(tasks)
     if left:
         _, left = await asyncio.wait(left, timeout=seconds)

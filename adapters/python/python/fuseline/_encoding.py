@@ -34,20 +34,20 @@ class EncodedRequest:
         self._is_shared = False
 
     def is_of(self, encode: Callable[[Any], Any], raw: Any) -> bool:
-        """Return whether another cloud's request would be the same."""
+        """Tells whether another cloud's request would be the same."""
         return self._raw is raw and bool(self._encode == encode)
 
     def share(self) -> EncodedRequest:
-        """Return this request for another cloud too."""
+        """Returns this request for another cloud too."""
         self._is_shared = True
         return self
 
     def give_up(self, threads: DaemonThreads) -> bool:
-        """Let another thread take the place of the one that encodes; return whether one does."""
+        """Lets another thread take the place of the one that encodes; tells whether one does."""
         return self._future is not None and threads.replace(self._future)
 
     async def get(self, threads: DaemonThreads) -> Any:
-        """Return the request, encoded by these threads unless another call began that."""
+        """Returns the request, encoded by these threads unless another call began that."""
         if self._future is None:
             self._future = threads.run(self._raw)
         # What others may wait for does not end with this call.
@@ -71,11 +71,11 @@ class Encoder:
         self._threads = DaemonThreads(partial(_same, encode), threads, "fuseline-encode")
 
     def stop(self) -> None:
-        """End the threads."""
+        """Ends the threads."""
         self._threads.stop()
 
     async def call(self, request: EncodedRequest, call: Call) -> Any:
-        """Encode a request, call the cloud within the time that is left, and return its result.
+        """Encodes a request, calls the cloud within the time left, and returns its result.
 
         Raises:
             CallError: if too many encodings hang.
@@ -97,7 +97,7 @@ class Encoder:
         return await response_of(self._cloud, self._cloud.handle(encoded, call))
 
     def _replace_hung(self, request: EncodedRequest) -> None:
-        """Let another thread take the place of one that encodes past its deadline."""
+        """Lets another thread take the place of one that encodes past its deadline."""
         hung = self._threads.hung_len()
         if not request.give_up(self._threads):
             return
@@ -115,7 +115,7 @@ class Encoder:
 def share_encoded(
     encode: Callable[[Any], Any], raw: Any, encoded: list[EncodedRequest]
 ) -> EncodedRequest:
-    """Return the request of another cloud of the message if it is the same, else a new one."""
+    """Returns the request of another cloud of the message if it is the same, else a new one."""
     for other in encoded:
         if other.is_of(encode, raw):
             return other.share()
@@ -124,5 +124,5 @@ def share_encoded(
 
 
 def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return the function itself: encoding keeps no state, so each thread has the same one."""
+    """Returns the function itself: encoding keeps no state, so each thread has the same one."""
     return encode

@@ -1,26 +1,26 @@
-"""What the package raises."""
+"""Defines what the package raises."""
 
 from __future__ import annotations
 
 
 class Error(Exception):
-    """The base of all exceptions of this package."""
+    """Is the base of all exceptions of this package."""
 
 
 class ConfigError(Error, ValueError):
-    """A configuration that no machine or operator can have."""
+    """Refuses a configuration that no machine or operator can have."""
 
 
 class TimeError(Error, ValueError, OverflowError):
-    """An instant, a duration or another number out of its range."""
+    """Refuses an instant, a duration or another number that is out of its range."""
 
 
 class DeadlineError(Error, ValueError):
-    """A figure of which no policy of deadlines can be made."""
+    """Refuses a figure of which no policy of deadlines can be made."""
 
 
 class ReadError(Error, ValueError):
-    """A trace that cannot be read: the first thing wrong with it, and where.
+    """Reports the first thing that is wrong with a trace, and where it is.
 
     >>> import fuseline
     >>> try:
@@ -46,19 +46,19 @@ class ReadError(Error, ValueError):
 
 
 class Full(Error):
-    """The reader of an operator's items lags too far behind for another message."""
+    """Refuses a message because the reader of the items lags too far behind."""
 
 
 class Closed(Error):
-    """The operator takes no more messages."""
+    """Refuses a message because the operator or the input takes no more."""
 
 
 class TraceError(Error, OSError):
-    """A recording that ended early; the trace is whole up to there."""
+    """Reports a recording that ended early; the trace is whole up to there."""
 
 
 class CallError(Error):
-    """Why a call to a cloud failed, in a few plain words."""
+    """Says in a few plain words why a call to a cloud failed."""
 
 
 #: How many characters of what an exception says are looked at.

@@ -1,4 +1,4 @@
-"""The streams that an operator writes as messages by itself."""
+"""Writes streams to an operator."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ class Feeds(Generic[M]):
         self._unread_timer: asyncio.TimerHandle | None = None
 
     def begin(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
-        """Write each message of a stream in a task."""
+        """Writes each message of a stream in a task."""
         task = asyncio.get_running_loop().create_task(self._feed(messages))
         task.set_name(f"{self._operator.name}: feed")
         self.tasks[task] = isinstance(messages, Sized)
         task.add_done_callback(self._fed)
 
     def stop(self) -> None:
-        """Cut all streams off."""
+        """Cuts all streams off."""
         if self._unread_timer is not None:
             self._unread_timer.cancel()
         for task in self.tasks:
             task.cancel()
 
     async def end(self) -> None:
-        """End with the operator's block; it is an error if nobody has read an item by then."""
+        """Ends with the operator's block; it is an error if nobody has read an item by then."""
         output = self._output
         if not self.tasks or self._operator._is_last or output.read_count or output.readers.waiters:
             return
@@ -69,7 +69,7 @@ class Feeds(Generic[M]):
             self.error = Closed(f"the block ended while messages were fed, {_UNREAD}")
 
     async def write_each(self, messages: AsyncIterable[M] | Iterable[M], written: list[int]) -> int:
-        """Write each message as soon as there is room, and count them in `written`."""
+        """Writes each message as soon as there is room, and counts them in `written`."""
         operator = self._operator
         async with contextlib.AsyncExitStack() as stack:
             if isinstance(messages, AsyncGenerator):
@@ -101,7 +101,7 @@ class Feeds(Generic[M]):
                 raise
 
     def _fed(self, task: asyncio.Task[None]) -> None:
-        """Forget a stream that has ended; after the last one no more messages come."""
+        """Forgets a stream that has ended; after the last one no more messages come."""
         del self.tasks[task]
         if not task.cancelled():
             # It is raised at the end of the block.
@@ -110,7 +110,7 @@ class Feeds(Generic[M]):
             self._operator.close()
 
     def _cut_off(self, messages: AsyncIterable[M] | Iterable[M], written: int) -> None:
-        """Report messages that were left over when the operator was closed."""
+        """Reports messages that were left over when the operator was closed."""
         name = self._operator.name
         if not isinstance(messages, Sized):
             _log.info("%s: closed while a stream was fed, after %d messages", name, written)
@@ -124,7 +124,7 @@ class Feeds(Generic[M]):
             )
 
     def _watch_unread(self) -> None:
-        """Begin to watch whether anybody reads, if a stream waits because nobody has so far."""
+        """Begins to watch whether anybody reads, if a stream waits because nobody has so far."""
         output, loop = self._output, self._operator._loop
         if len(output.items) < output.limit or loop is None:
             return

@@ -1,4 +1,4 @@
-"""The extension: what of the package is compiled."""
+"""Declares what of the package is compiled."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import timedelta

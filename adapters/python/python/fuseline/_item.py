@@ -1,4 +1,4 @@
-"""What goes into calls and what leaves an operator."""
+"""Defines what goes into calls and what leaves an operator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _Fields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
 
 
 class Ending(Enum):
-    """How a message was answered; preliminary and final under progressive alone."""
+    """Says how a message was answered. Preliminary and final occur under progressive alone."""
 
     #: The best result so far was sent; a better one may follow (F9).
     PRELIMINARY = "preliminary"
@@ -38,7 +38,7 @@ class Ending(Enum):
 
 
 class Trigger(Enum):
-    """What made a result go."""
+    """Says what caused a result to be sent."""
 
     #: F3: it arrived, and nothing better was still to come.
     ARRIVAL = "arrival"
@@ -50,7 +50,7 @@ class Trigger(Enum):
 
 @dataclass(frozen=True)
 class Source:
-    """Local or a cloud."""
+    """Names local or a cloud."""
 
     #: 0 is local; clouds have 1 to 65535, the greater wins.
     priority: int
@@ -63,7 +63,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Failure:
-    """A source that sent no result for a message, and why."""
+    """Names a source that sent no result for a message, and says why."""
 
     #: The source.
     source: Source
@@ -73,7 +73,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Lineage:
-    """What a message comes from; operators pass it on as it is, from the sensor to the last output.
+    """Says what a message comes from; operators pass it on from the sensor to the last output.
 
     >>> import time
     >>> Lineage("camera/front", 41, captured=time.monotonic_ns(), within=0.5).seq
@@ -111,7 +111,7 @@ class Lineage:
 
     @classmethod
     def _of(cls, fields: _Fields) -> Lineage:
-        """What `fields_of` made these of."""
+        """Makes a lineage of what `fields_of` returned."""
         origin, seq, captured, within, missing = fields
         return cls(origin, seq, captured, None if within is None else ns(within), tuple(missing))
 
@@ -124,7 +124,7 @@ def _check_number(number: Any, what: str, remedy: str) -> None:
 
 
 def check_capture(captured: int, now: int) -> None:
-    """A capture that is not to come, by the operators' clock.
+    """Refuses a capture that is to come, by the operators' clock.
 
     Raises:
         TimeError: if it is, by more than a second: then it was read from another clock, and each
@@ -138,7 +138,7 @@ def check_capture(captured: int, now: int) -> None:
 
 
 def fields_of(lineage: Lineage | None) -> _Fields | None:
-    """A lineage as the extension has it."""
+    """Returns a lineage as the extension takes it."""
     if lineage is None:
         return None
     own = lineage.origin, lineage.seq, lineage.captured, lineage.within
@@ -147,7 +147,7 @@ def fields_of(lineage: Lineage | None) -> _Fields | None:
 
 @dataclass(frozen=True, slots=True)
 class StampedValue(Generic[V]):
-    """A value whose source says of which message it is (D2).
+    """Holds a value whose source says of which message it is (D2).
 
     A response handler may return it. A value of another message than its cloud's ``max_age`` allows
     is a failure.
@@ -167,7 +167,7 @@ class StampedValue(Generic[V]):
 
 @dataclass(frozen=True, slots=True, init=False)
 class Call:
-    """One call to a cloud, as its handle sees it."""
+    """Tells a handle about the call that it makes."""
 
     #: The message's timestamp.
     timestamp: int
@@ -198,7 +198,7 @@ _set_timestamp, _set_deadline, _set_lineage, _set_age = (
 
 
 class CurrentDeadline(NamedTuple):
-    """A cloud's deadline, and what chose it."""
+    """Holds a cloud's deadline, and says what chose it."""
 
     #: The deadline.
     deadline: ns
@@ -209,13 +209,18 @@ class CurrentDeadline(NamedTuple):
 
 @dataclass(slots=True)
 class Item(Generic[V]):
-    """What became of one message. Every message written leads to exactly one item.
+    """Says what became of one message. Every message written leads to exactly one item.
 
-    Under progressive it leads to one or more, each better than the one before, of which exactly one
-    is the ``last``. They come in the order of decisions: keep the item of the greatest
-    ``(timestamp, source.priority)``, or else an old message's replaces a newer one's.
+    Under progressive a message leads to one or more items. Each is better than the one before, and
+    exactly one is the ``last``. Items come in the order of decisions, so an item of an old message
+    may follow one of a newer message. Keep the item of the greatest ``(timestamp,
+    source.priority)``.
 
-    Instants are nanoseconds of the operator's clock, which starts with it.
+    Instants are nanoseconds of the operator's clock, which starts with the operator.
+
+    >>> item = Item(7, 0, 30_000_000, Ending.FORWARDED, "a plan", Source(1, "west"))
+    >>> item.value, str(item.source), item.took
+    ('a plan', 'west', 0.03)
     """
 
     #: The message's timestamp: its place among the messages, from 0.
@@ -256,11 +261,11 @@ class Item(Generic[V]):
 
     @property
     def last(self) -> bool:
-        """Whether no other item of its message follows."""
+        """Tells whether no other item of its message follows."""
         return self.ending is not Ending.PRELIMINARY
 
     def _takes_the_place_of(self, earlier: Item[V]) -> None:
-        """Nobody was given the earlier item of its message: a final one has its value."""
+        """Takes over the value of an earlier item of its message that nobody was given."""
         if self.ending is Ending.FINAL:
             self.ending = Ending.FORWARDED
             self.value, self.arrived, self.trigger = earlier.value, earlier.arrived, earlier.trigger
@@ -270,5 +275,5 @@ class Item(Generic[V]):
 
     @property
     def took(self) -> float:
-        """The seconds from taking the message in to the decision."""
+        """Returns the seconds from taking the message in to the decision."""
         return (self.decided - self.opened) / 1e9

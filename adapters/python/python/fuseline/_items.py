@@ -1,4 +1,4 @@
-"""Reading an operator's items or a join's sets: by several readers, and in order (E9)."""
+"""Reads an operator's items or a join's sets: by several readers, and in order (E9)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True)
 class OutOfOrder:
-    """What a reader in order does not give, or gives without what came before."""
+    """Reports what a reader in order leaves out."""
 
     #: These timestamps had not ended when a later one was due; none for an item that was late.
     passed_over: range | None
@@ -34,10 +34,10 @@ class OutOfOrder:
 
 
 class Items(Generic[T]):
-    """A reader of an operator's items, or of a join's sets; `another` shares them.
+    """Reads an operator's items, or a join's sets; `another` shares them.
 
-    One that lags by ``output_len`` holds the others back, and by them the operator. A reader that
-    nobody refers to any more holds nobody back.
+    A reader that lags by ``output_len`` holds the others back, and the operator with them. A reader
+    that nobody refers to any more holds nobody back.
 
     >>> import asyncio
     >>> from fuseline import Operator
@@ -62,7 +62,7 @@ class Items(Generic[T]):
         self._shared.add(self)
 
     def another(self) -> Items[T]:
-        """Another reader, for all that comes from now on."""
+        """Returns another reader, for all that comes from now on."""
         reader: Items[T] = object.__new__(Items)
         reader._shared, reader._waiting = self._shared, deque()
         self._shared.add(reader)
@@ -72,7 +72,7 @@ class Items(Generic[T]):
         return self
 
     async def __anext__(self) -> T:
-        """The next one; the end once no more come."""
+        """Returns the next item or set; ends once no more come."""
         while not self._waiting:
             await self._shared.pull(self._waiting)
         message = self._waiting.popleft()
@@ -80,7 +80,7 @@ class Items(Generic[T]):
         return message
 
     async def read(self) -> T | None:
-        """The next one; None once no more come."""
+        """Returns the next item or set, or None once no more come."""
         try:
             return await self.__anext__()
         except StopAsyncIteration:
@@ -94,7 +94,7 @@ class Items(Generic[T]):
         *,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> Items[Item[V]]:
-        """This reader in the order of timestamps. Call it before anything was read.
+        """Returns this reader in the order of timestamps. Call it before anything was read.
 
         Args:
             wait: How long an item waits for those of earlier messages; at most 1,024 wait. Then
@@ -111,16 +111,16 @@ class Items(Generic[T]):
         return Items(ordered, output_len=self._shared.capacity)
 
     def last_only(self: Items[Item[V]]) -> Items[Item[V]]:
-        """This reader for the last items alone: one for each message, under progressive too.
+        """Returns this reader for the last items alone: one for each message.
 
-        Each has its message's best value, also if that was preliminary; one that was read before
-        is not given again, so its message's item is final, without a value.
+        Each has its message's best value, also if that was preliminary. A value that was read
+        before is not given again: then its message's last item is final, without a value.
         """
         return Items(_last_only(self), output_len=self._shared.capacity)
 
 
 class _SharedSource(Generic[T]):
-    """What several readers read: whoever needs more takes it for all."""
+    """Reads a source for several readers: a reader that needs more takes it for all."""
 
     def __init__(self, source: AsyncIterator[T], capacity: int) -> None:
         self.source, self.capacity = source, capacity
@@ -135,7 +135,7 @@ class _SharedSource(Generic[T]):
         self._readers.add(weakref.ref(reader, self._gone))
 
     async def pull(self, waiting: deque[T]) -> None:
-        """One more for all readers, unless another reader took one meanwhile."""
+        """Takes one more for all readers, unless another reader took one meanwhile."""
         async with self._turn:
             if waiting:
                 return
@@ -148,7 +148,7 @@ class _SharedSource(Generic[T]):
                 reader._waiting.append(read)
 
     async def _read(self) -> T:
-        """The next one. A reader that gives up leaves what it began to the next reader."""
+        """Returns the next one. A reader that gives up leaves what it began to the next reader."""
         if self._error is not None:
             raise self._error
         if self._is_over:

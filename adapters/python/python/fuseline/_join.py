@@ -1,4 +1,4 @@
-"""Several streams as one, aligned by what their messages come from (E5, E6, E7)."""
+"""Joins several streams, aligned by what their messages come from (E5, E6, E7)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HANDOVER = 1.0
 
 
 class JoinCause(Enum):
-    """Why a set was given."""
+    """Says why a set was given."""
 
     #: Each input that has not ended is there.
     COMPLETE = "complete"
@@ -54,7 +54,7 @@ class JoinCause(Enum):
 
 
 class JoinDropReason(Enum):
-    """Why a message was not joined."""
+    """Says why a message was not joined."""
 
     #: Its origin has no timestamp.
     NO_KEY = "no key"
@@ -66,7 +66,7 @@ class JoinDropReason(Enum):
 
 @dataclass(frozen=True)
 class Joined:
-    """A set of messages that come from one origin."""
+    """Holds a set of messages that come from one origin."""
 
     #: What its messages have in common: the origin's timestamp, if nothing else was said.
     key: int
@@ -83,7 +83,7 @@ class Joined:
 
 @dataclass(frozen=True)
 class JoinDrop:
-    """A message that a join did not use."""
+    """Names a message that a join did not use."""
 
     #: The input.
     input: str
@@ -94,7 +94,7 @@ class JoinDrop:
 
 
 class JoinInput(Generic[T]):
-    """One input of a join; `Join.aligned` and `Join.latest` make it."""
+    """Takes the messages of one input; `Join.aligned` and `Join.latest` make it."""
 
     def __init__(
         self,
@@ -111,7 +111,7 @@ class JoinInput(Generic[T]):
         self._index: int | None = None
 
     def write(self, message: T, lineage: Lineage | None = None) -> None:
-        """A message came. In another thread it waits until the loop takes it, else it never waits.
+        """Writes a message. In another thread it waits until the loop takes it.
 
         A message is copied as `Operator` copies those that are written to it.
 
@@ -126,11 +126,11 @@ class JoinInput(Generic[T]):
         self._join._in_loop(lambda: self._join._written(self, message, lineage))
 
     def close(self) -> None:
-        """Nothing more comes: no set waits for this input any longer."""
+        """Ends this input: no set waits for it any longer."""
         self._join._in_loop(lambda: self._join._ended(self))
 
     def _fresh(self, now: int) -> tuple[T, Lineage | None] | None:
-        """The latest message, unless it is too old since its capture or else since it came."""
+        """Returns the latest message, unless it is too old since its capture or its arrival."""
         if self._latest is None or self._max_age is None:
             return None
         message, lineage, since = self._latest
@@ -142,9 +142,9 @@ class JoinInput(Generic[T]):
 class Join:
     """Puts messages of several inputs that come from one origin timestamp into one set.
 
-    A set is given when each aligned input that has not ended is there, or when it is due, with the
-    inputs that are missing. A key that was given opens no other set. Use it as a context manager,
-    in the operators' loop; at the end of the block its inputs are closed.
+    A set is given when each aligned input that has not ended has a message in it, or when the set
+    is due; then it names the inputs that are missing. No second set has the same key. Use the join
+    as a context manager, in the operators' loop; at the end of the block its inputs are closed.
 
     Args:
         name: Its name in logs.
@@ -207,30 +207,38 @@ class Join:
     def aligned(
         self, name: str, *, key: Callable[[Any, Lineage | None], int | None] | None = None
     ) -> JoinInput[Any]:
-        """An input whose messages are aligned by their `Lineage.seq`, or by a key of your own.
+        """Adds an input whose messages are aligned by `Lineage.seq`, or by a key of your own.
 
-        Sensors that are triggered together number their messages alike. A message without a key is
-        dropped.
+        Sensors that are triggered together give the same numbers to their messages. A message
+        without a key is dropped.
+
+        Args:
+            name: The input's name in sets, counts and logs.
+            key: Gets a message and its lineage, and returns what it is joined by: an int or None.
+
+        Raises:
+            ConfigError: if the join has started, or another input has the name.
         """
         if key is not None:
             check_function(key, "a key")
         return self._add(JoinInput(self, name, key, None))
 
     def items(self, name: str, items: AsyncIterator[Item[Any]]) -> None:
-        """An input that is an operator's output, aligned by the timestamp of its origin.
+        """Adds an operator's output as an input, aligned by the timestamp of its origin.
 
-        The set has the `Item`, also that of a message that was missed. Of several items of one
-        message it has the last one with a value, or when it is due the last so far.
+        A set holds the `Item`, also of a message that was missed. If a message has several items,
+        the set holds the last one with a value, or the last so far when the set is due.
         """
         self._sources.append((self.aligned(name), items))
 
     def latest(
         self, name: str, max_age: Duration, items: AsyncIterator[Item[Any]] | None = None
     ) -> JoinInput[Any]:
-        """An input of which each set gets the latest message, such as a localization.
+        """Adds an input of which each set gets the latest message, such as a localization.
 
-        No set waits for it. A message that is older than ``max_age``, since its capture or else
-        since it came, is missing. It may be an operator's output instead: then a set has the item.
+        No set waits for it. A message is missing if it is older than ``max_age``, counted from its
+        capture, or from its arrival if the capture is unknown. With ``items``, the input is an
+        operator's output, and a set holds its latest item.
         """
         latest: JoinInput[Any] = self._add(JoinInput(self, name, None, nanoseconds(max_age)))
         if items is not None:
@@ -238,17 +246,20 @@ class Join:
         return latest
 
     def origin_of(self, latest: str) -> None:
-        """Sets are of the message of this latest-value input, where it is there.
+        """Makes sets be of the message of this latest-value input, where it is there.
 
-        Their lineages have its origin and capture, and are due as the aligned inputs' are. So what
-        control does at a tick is of the frame behind the plan, and as old as that.
+        A set's lineage then has that message's origin and capture, and the end-to-end deadline of
+        the aligned inputs. So an action of control is of the frame behind its plan, and as old.
+
+        Raises:
+            ConfigError: if no latest-value input has this name.
         """
         if not any(it.name == latest and it._max_age is not None for it in self._inputs):
             raise ConfigError(f"no latest-value input {latest!r} that sets could be of")
         self._origin = latest
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
-        """Set what is called with each message that is dropped; it must not block."""
+        """Sets the function that is called with each message that is dropped; it must not block."""
         check_function(on_drop, "what is called on drops")
         self._on_drop = on_drop
 
@@ -289,7 +300,7 @@ class Join:
         return self
 
     async def __anext__(self) -> Joined:
-        """The next set; the end once the aligned inputs have ended and every set was given."""
+        """Returns the next set; ends once the aligned inputs have and every set was given."""
         while not self._sets:
             if self._running.is_over:
                 raise StopAsyncIteration
@@ -300,7 +311,7 @@ class Join:
         return joined
 
     async def read(self) -> Joined | None:
-        """The next set; None once no more come."""
+        """Returns the next set, or None once no more come."""
         with contextlib.suppress(StopAsyncIteration):
             return await self.__anext__()
         return None
@@ -321,7 +332,7 @@ class Join:
         return joined
 
     def _in_loop(self, step: Callable[[], None]) -> None:
-        """Do something in the loop's thread, and wait until it is done."""
+        """Does something in the loop's thread, and waits until it is done."""
         if self._thread is None or threading.get_ident() == self._thread or self._loop is None:
             step()
             return
@@ -401,7 +412,7 @@ class Join:
             _log.exception("%s: the handler of drops failed", self.name)
 
     def _give(self) -> None:
-        """Hand on the sets that are given, each with the latest of the other inputs."""
+        """Hands on the sets that are given, each with the latest of the other inputs."""
         aligner = self._running
         while (given := aligner.next_set()) is not None:
             key, messages, missing, cause, fields = given
@@ -460,7 +471,7 @@ class Join:
 
 
 def _settle(done: Future[None], step: Callable[[], None]) -> None:
-    """Do what another thread waits for, unless it has given up."""
+    """Does what another thread waits for, unless it has given up."""
     if not done.set_running_or_notify_cancel():
         return
     try:

@@ -1,4 +1,4 @@
-"""Judging traces."""
+"""Judges traces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Duration: TypeAlias = float | timedelta | ns
 
 @dataclass(frozen=True)
 class Violation:
-    """A decision that is not what the rules demand, or a timestamp that they cannot explain."""
+    """Reports a decision that the rules do not demand, or a timestamp that they cannot explain."""
 
     #: The line, counted from 1; where a decision is missing, the line after which it should stand.
     line: int
@@ -70,7 +70,7 @@ DoubtKind: TypeAlias = Literal[
 
 @dataclass(frozen=True)
 class Doubt:
-    """What the judge could not see, of one kind."""
+    """Reports one kind of what the judge could not see."""
 
     #: The kind.
     kind: DoubtKind
@@ -89,7 +89,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Verdict:
-    r"""What the judge says of one trace.
+    r"""Says whether one trace conforms, and what does not.
 
     >>> verdict = check(b'{"fuseline":1,"window":16,"clouds":[]}\n')
     >>> verdict.conforms, verdict.judged
@@ -117,7 +117,7 @@ class Verdict:
     cause: str | None = None
 
     def accepting(self, *kinds: DoubtKind) -> Verdict:
-        """The same verdict, with these kinds of doubt accepted.
+        """Returns the same verdict, with these kinds of doubt accepted.
 
         Raises:
             ValueError: if there is no such kind.
@@ -146,7 +146,7 @@ class Verdict:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """The verdict for a notebook."""
+        """Shows the verdict in a notebook."""
         colour = "#cf222e" if self.violations else "#9a6700" if self.doubts else "#1a7f37"
         head = (
             f"<p><b style='color:{colour}'>{self._in_short()}</b> &nbsp;"
@@ -171,7 +171,7 @@ class Verdict:
         return f"{head}<table>{''.join(rows)}</table>{more}"
 
     def to_arrow(self) -> pa.Table:
-        """The verdict as a table: a row for each violation; if there is none, one without any.
+        """Returns a table: a row for each violation, or one row if there is none.
 
         So tables of many files put together have at least one row for each.
 
@@ -189,7 +189,7 @@ class Verdict:
 
 
 def check_kinds(kinds: Iterable[str]) -> None:
-    """Raise ValueError if one of them is no kind of doubt."""
+    """Raises ValueError if one of them is no kind of doubt."""
     known = get_args(DoubtKind)
     if unknown := [kind for kind in kinds if kind not in known]:
         raise ValueError(f"{unknown[0]!r} is no kind of doubt; they are {', '.join(known)}")
@@ -202,23 +202,32 @@ def check(
     ended: bool = False,
     accept: Sequence[DoubtKind] = (),
 ) -> Verdict:
-    """Judge a trace strictly: every decision must be the one that the rules demand.
+    """Judges a trace strictly: every decision must be the one that the rules demand.
 
-    It takes the trace's bytes, the path of its file, or an iterable of its lines, which bear
-    their line ends as the first one does; gzip is unpacked. Files and lines are read as they are
-    judged, in bounded memory. Other threads run meanwhile, and Ctrl-C ends it.
+    Files and lines are read while they are judged, in bounded memory. Other threads run meanwhile,
+    and Ctrl-C ends it.
 
     Args:
-        trace: The trace.
+        trace: The trace's bytes, the path of its file, or an iterable of its lines, either all with
+            their line ends or all without. Gzip is unpacked.
         name: Its name in the verdict and in errors; by default its path.
-        ended: The run is known to be over, so that what was due by the trace's end or after it is
-            overdue; what waits for local alone is in doubt (``unfinished``).
+        ended: Whether the run is known to be over. Then each timer that was due is overdue, also
+            after the trace's end, and a message that waits for local alone is in doubt
+            (``unfinished``).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
         ReadError: if it cannot be read to its end.
         OSError: if its file cannot be opened or read.
         ValueError: if there is no such kind of doubt.
+
+    >>> trace = b'''{"fuseline":1,"window":16,"clouds":[]}
+    ... {"ev":"open","at":0,"t":1}
+    ... {"ev":"result","at":5,"t":1,"p":0}
+    ... {"ev":"emit","at":5,"t":1,"p":0}
+    ... '''
+    >>> print(check(trace))
+    <bytes>: conforms; 1 timestamps judged in 4 lines
     """
     return _verdict(_fuseline.check(trace, name, None, (), ended, None)).accepting(*accept)
 
@@ -234,7 +243,7 @@ def check_observed(
     period: Duration | None = None,
     accept: Sequence[DoubtKind] = (),
 ) -> Verdict:
-    """Judge a trace that a concurrent implementation recorded, each timestamp by itself.
+    """Judges a trace that a concurrent implementation recorded, each timestamp by itself.
 
     Args:
         trace: The trace, as for `check`.
@@ -244,8 +253,8 @@ def check_observed(
         tolerances: The errors of single sources' instants, by the source's name: ``local`` or the
             cloud's.
         name: Its name in the verdict and in errors; by default its path.
-        ended: The run is known to be over, as for `check`.
-        period: A message opens every so often: a longer gap is a violation (J1).
+        ended: Whether the run is known to be over, as for `check`.
+        period: How often a message opens; a longer gap is a violation (J1).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
@@ -261,7 +270,7 @@ def check_observed(
 
 
 def replay(trace: Traced, *, name: str | None = None) -> bytes:
-    """Give the inputs of a trace to a fresh machine; return the whole trace with its decisions.
+    """Gives a trace's inputs to a fresh machine, and returns the trace with its decisions.
 
     >>> inputs = b'''{"fuseline":1,"window":16,"clouds":[]}
     ... {"ev":"open","at":0,"t":1}
@@ -285,7 +294,7 @@ def report(
     lateness: Duration | None = None,
     tolerances: Mapping[str, Duration] | None = None,
 ) -> tuple[Verdict, ...]:
-    """Judge traces and write the page about them: the page of ``fuseline report``.
+    """Judges traces and writes the page about them: the page of ``fuseline report``.
 
     It is one file that needs no network: a summary by source, the response times, and a timeline
     from the whole run down to what happened to one timestamp and why, with violations in it.
@@ -326,7 +335,7 @@ def report(
 
 
 def _each_trace(traces: tuple[Traced | list[str | PathLike[str]], ...]) -> list[Traced]:
-    """The traces; a list of paths stands for each of them.
+    """Yields the traces; a list of paths stands for each of them.
 
     A list of lines is one trace, as an iterable of lines is everywhere else: its first one is a
     header, an object of JSON.
@@ -347,7 +356,7 @@ def _are_paths(given: list[str | PathLike[str]]) -> bool:
 def slack(
     tolerance: Duration | None, lateness: Duration | None
 ) -> tuple[Duration, Duration] | None:
-    """Both, or none of them; one without the other is an error."""
+    """Returns both, or None if neither is given; refuses one without the other."""
     if tolerance is None and lateness is None:
         return None
     if tolerance is None or lateness is None:
@@ -356,7 +365,7 @@ def slack(
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
+    """Writes a file whole or not at all."""
     beside = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         with beside.open("xb") as file:

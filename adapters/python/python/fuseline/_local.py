@@ -1,4 +1,4 @@
-"""How messages are computed on board."""
+"""Computes messages on board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _log = logging.getLogger("fuseline")
 
 
 class Local(Generic[M, V]):
-    """How each message is computed on board.
+    """Says how each message is computed on board.
 
     Make one with `task`, `threads`, `threads_of` or `processes`. A computation is never aborted by
     a decision (F7): it may keep state. An exception is a failure (F4).
@@ -76,7 +76,7 @@ class Local(Generic[M, V]):
         skip_answered: bool = False,
         lossy: bool = False,
     ) -> Local[M, V]:
-        """Compute with a coroutine function, in tasks of the loop; it must not block.
+        """Computes with a coroutine function, in tasks of the loop; it must not block.
 
         Args:
             compute: Takes a message and its timestamp.
@@ -108,7 +108,7 @@ class Local(Generic[M, V]):
         waiting: int | None = None,
         skip_answered: bool = False,
     ) -> Local[M, V]:
-        """Compute with a plain function, which may block, in threads of the operator's own.
+        """Computes with a plain function, which may block, in threads of the operator's own.
 
         The arguments are as for `task`; `workers` computations run at once. Python does not wait
         for these threads when it ends.
@@ -131,7 +131,7 @@ class Local(Generic[M, V]):
         skip_answered: bool = False,
         replaceable: int | None = None,
     ) -> Local[M, V]:
-        """Compute in threads, each with a function of its own that `make` makes.
+        """Computes in threads, each with a function of its own that `make` makes.
 
         So each may keep state, such as a model that was loaded. The arguments are as for
         `threads`. One that has run for longer than the deadline is replaced, by a thread with a
@@ -158,7 +158,7 @@ class Local(Generic[M, V]):
         waiting: int | None = None,
         skip_answered: bool = False,
     ) -> Local[M, V]:
-        """Compute with a plain function in processes of the operator's own.
+        """Computes with a plain function in processes of the operator's own.
 
         The function, messages and results go there and back by pickle. The processes are started
         with the operator; when one dies, what it was computing fails, and another takes over. One
@@ -203,7 +203,7 @@ class Local(Generic[M, V]):
         self._pool = None
 
     def _replace(self, timestamp: int) -> None:
-        """Let another thread take the place of the one that computes this message."""
+        """Lets another thread take the place of the one that computes this message."""
         future = self._running.get(timestamp)
         if future is None or self._pool is None:
             return
@@ -213,7 +213,7 @@ class Local(Generic[M, V]):
             _log.exception("local cannot be made anew")
 
     async def _run_apart(self, message: M, timestamp: int) -> V:
-        """Compute one message in a thread, or in the process that it waits for."""
+        """Computes one message in a thread, or in the process that the thread waits for."""
         if self._pool is None:
             raise RuntimeError("the operator has ended")
         self._running[timestamp] = future = self._pool.run(message, timestamp)
@@ -231,7 +231,7 @@ def _plain(compute: Callable[..., Any], where: str) -> None:
 
 
 def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:
-    """What was given, or a task of an async function, or a thread for a plain one."""
+    """Returns a `Local`, or makes one: tasks of an async function, a thread of a plain one."""
     if isinstance(local, Local):
         return local
     if is_async(local):

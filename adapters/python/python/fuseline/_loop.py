@@ -1,4 +1,4 @@
-"""What operators do with their event loop."""
+"""Helps operators to use their event loop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class WaiterList:
-    """Coroutines that wait to be woken. It costs nothing while nobody waits."""
+    """Lets coroutines wait to be woken. It costs nothing while nobody waits."""
 
     __slots__ = ("waiters",)
 
@@ -19,7 +19,7 @@ class WaiterList:
         self.waiters: list[asyncio.Future[None]] = []
 
     async def wait(self) -> None:
-        """Wait for the next `wake`."""
+        """Waits for the next `wake`."""
         waiter = asyncio.get_running_loop().create_future()
         self.waiters.append(waiter)
         try:
@@ -31,7 +31,7 @@ class WaiterList:
             raise
 
     def wake(self) -> None:
-        """Wake all who wait now."""
+        """Wakes all who wait now."""
         for waiter in self.waiters:
             if not waiter.done():
                 waiter.set_result(None)
@@ -39,7 +39,7 @@ class WaiterList:
 
 
 async def each(messages: AsyncIterable[T] | Iterable[T]) -> AsyncIterator[T]:
-    """Messages of either kind, with a turn for others between two of a plain one."""
+    """Yields messages of either kind, with a turn for others between two of a plain one."""
     if isinstance(messages, AsyncIterable):
         async for message in messages:
             yield message

@@ -1,4 +1,4 @@
-"""An operator within asyncio: it owns the clock, the payloads and the calls."""
+"""Runs an operator within asyncio: it owns the clock, the payloads and the calls."""
 
 from __future__ import annotations
 
@@ -65,10 +65,14 @@ _FORKED = -1
 class Operator(Setup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
-    Each message written leads to exactly one `Item`; under progressive to one or more, the last one
-    marked. Use it as a context manager, in one event loop: the end of the block takes no more
-    messages and waits until all are answered, or `stop`s after an exception. Calls that go on
-    although they were cancelled are waited for a second at most; the log says how many are left.
+    Each message written leads to exactly one `Item`; under progressive it leads to one or more,
+    and the last one is marked. Use the operator as a context manager, in one event loop. At the end
+    of the block it takes no more messages and waits until all are answered; after an exception it
+    `stop`s. It waits at most a second for calls that go on although they were cancelled, and logs
+    how many are left.
+
+    Its methods belong to the thread of its loop, except `write_threadsafe`. In another thread they
+    raise a RuntimeError.
 
     Args:
         local: Computes each message on board: a `Local`, an ``async def`` of a message and its
@@ -77,7 +81,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         window: How many messages may be open at once, 1 to 1024; one more is refused ``full`` (F1).
         commit: When a result is sent although a better one is pending (F6, F9).
         output_len: How many items the reader may lag behind. While it lags further, no message is
-            taken in; what is open goes on. Of the items of one message it is given the newest.
+            taken in, and open messages go on. The reader is given the newest item of a message.
         trace: The file that the run is recorded to; it is overwritten. Each operator has its own.
         clock: Reads whole nanoseconds that never go back.
         lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
@@ -85,19 +89,18 @@ class Operator(Setup[M, V], Generic[M, V]):
         greatest_deadline: The longest deadline of a request or of local, and the most that a policy
             may choose. A longer one, such as milliseconds read as seconds, is refused: of local
             with a ConfigError, of an offer as ``deadline``, with a warning at the first.
-        reserve: How long those downstream take; so much of an end-to-end deadline is kept (E3).
-        latency: What records how long this operator takes, for those upstream.
+        reserve: How long the operators downstream take; that much of an end-to-end deadline is kept
+            for them (E3).
+        latency: Records how long this operator takes, for the reserve of those upstream.
         carry_messages: Whether each item carries its message, as ``item.message``.
-        copy_messages: Whether each message is copied when it is written, and each result of local,
-            so that a buffer that is used again changes none that waits. What is copied are arrays,
-            Python's containers, dataclasses and what is in them; an object of another class is
+        copy_messages: Whether each message is copied when it is written, and each result of local.
+            Then a buffer that is used again changes no message that waits. Arrays, Python's
+            containers, dataclasses and what they hold are copied. An object of another class is
             shared and must not be changed. False saves the copies where nobody changes anything.
 
-    Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
-    RuntimeError.
-
     Raises:
-        ConfigError: if there is no such operator; when it starts, if its clouds make none.
+        ConfigError: if an argument is of the wrong kind or out of its range. The start raises it if
+            no operator can be made with the clouds.
 
     >>> import asyncio
     >>> async def double(n, call):  # a cloud: any async def
@@ -177,7 +180,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return f"<Operator {self.name!r} clouds={clouds} {state}, {self._count} messages>"
 
     async def start(self) -> None:
-        """Start; ``async with`` does that.
+        """Starts the operator; ``async with`` does that.
 
         Raises:
             ConfigError: if there is no operator with these clouds, it was started before, or
@@ -213,7 +216,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         )
 
     def _engine(self) -> Engine:
-        """Make the engine of what was registered."""
+        """Makes the engine of what was registered."""
         local = self._local
         return Engine(
             [it.cloud for it in self._clouds],
@@ -276,7 +279,7 @@ class Operator(Setup[M, V], Generic[M, V]):
     # Messages.
 
     def write(self, message: M, lineage: Lineage | None = None) -> int:
-        """Take a message in; return its timestamp. It never waits.
+        """Takes a message in, and returns its timestamp. It never waits.
 
         Args:
             message: The message.
@@ -324,10 +327,10 @@ class Operator(Setup[M, V], Generic[M, V]):
         return t
 
     def write_threadsafe(self, message: M, lineage: Lineage | None = None) -> Future[int]:
-        """Write a message from any thread, such as a camera's callback; it never waits.
+        """Writes a message from any thread, such as a camera's callback; it never waits.
 
-        The message is taken in when the loop has its next turn. As many may be on their way as the
-        window has room for.
+        The message is taken in when the loop has its next turn. At most ``window`` messages may be
+        on their way.
 
         Returns:
             A future of the message's timestamp, or of what `write` raises. If nobody looks, it is
@@ -355,7 +358,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return future
 
     def _take(self, message: M, lineage: Lineage | None, future: Future[int]) -> None:
-        """A message came from another thread."""
+        """Takes a message that came from another thread."""
         with self._way:
             self._on_their_way -= 1
         try:
@@ -370,10 +373,10 @@ class Operator(Setup[M, V], Generic[M, V]):
                 _log.warning("%s: a message was not taken: %s (%d so far)", self.name, why, times)
 
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
-        """Write each message as soon as there is room; return how many.
+        """Writes each message as soon as there is room, and returns how many it wrote.
 
-        There is room while the reader of the items does not lag and the window is not full. What
-        comes from another operator or a join, its `Item`s or `Joined` sets, has its lineage.
+        There is room while the reader of the items does not lag and the window is not full. An
+        `Item` of another operator and a `Joined` set of a join pass their lineage on.
 
         Raises:
             Closed: if the operator takes no more messages.
@@ -383,7 +386,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return await self._feeds.write_each(messages, [0])
 
     def feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
-        """Write each message in a task of the operator's own; `close` once all that is fed ended.
+        """Writes each message in a task of its own, and closes the operator after the last stream.
 
         Several streams may be fed at once. If one ends in an exception, the operator is closed, and
         the exception is raised at the end of its block. If the block ends first, a list is fed to
@@ -404,7 +407,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         self._feeds.begin(messages)
 
     def close(self) -> None:
-        """Take no more messages; the items end once all are answered."""
+        """Takes no more messages; the items end once all messages are answered."""
         self._check_thread("close")
         self._is_last = True
         if self._driver is not None:
@@ -413,7 +416,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         self._end_if_idle()
 
     def stop(self) -> None:
-        """End at once: calls are aborted, open messages stay unanswered, the items end.
+        """Ends at once: calls are aborted, open messages stay unanswered, and the items end.
 
         Handlers and policies may call it too: the message or result that they are called about is
         the last that happens.
@@ -437,7 +440,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return self
 
     async def __anext__(self) -> Item[V]:
-        """The next item; the end once no more messages come and all are answered."""
+        """Returns the next item; ends once no more messages come and all are answered."""
         if self._driver is None or threading.get_ident() != self._thread:
             self._running("read")
         output = self._output
@@ -448,7 +451,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return output.take()
 
     async def read(self, timeout: float | None = None) -> Item[V] | None:
-        """The next item; None if none comes within so many seconds, or none will come any more."""
+        """Returns the next item, or None if none comes within ``timeout`` seconds or ever."""
         self._running("read")
         timeout = check_timeout(timeout)
         loop = asyncio.get_running_loop()
@@ -467,15 +470,18 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
-        """What happened so far: source or operator, what it is about, and what became of it.
+        """Counts what happened so far, by source or operator, subject and outcome.
 
-        For instance ``counts["west", "result", "forwarded"]``. They are those of the Rust
-        operator's `Tally`: ``counts[name, "message", "accepted"]`` are the messages taken on,
-        those refused are not among them. A source also has ``"request", "lost"``, computations
-        that counted as lost, and ``"failed because"`` with each of its first eight reasons;
-        failures of other reasons are counted as ``"other reasons"``. ``"handler"`` and
-        ``"policy"`` are ``"failed"``, a handler ``"held up the loop"``, the operator's
-        ``"timer"`` is ``"late"`` and a ``"message"`` that came from another thread ``"not taken"``.
+        For instance, ``counts["west", "result", "forwarded"]`` counts the outputs of ``west``.
+
+        - ``"message"``: ``"accepted"``, ``"missed"``, ``"refused full"`` and so on, and
+          ``"not taken"`` for messages from another thread or a stream that were lost.
+        - ``"request"``: ``"admitted"``, ``"refused queue"`` and so on, and ``"lost"`` for
+          computations that never ended.
+        - ``"failed because"``: each of a source's first eight reasons, and ``"other reasons"``.
+        - ``"handler"``: ``"failed"`` and ``"held up the loop"``; ``"policy"``: ``"failed"``.
+        - ``"timer"``: ``"late"``.
+        - ``"side request"``: ``"requested"``, ``"answered"``, ``"expired"`` and so on.
         """
         counts: Counter[tuple[str, str, str]] = Counter()
         if self._driver is not None:
@@ -491,12 +497,12 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     @property
     def greatest_lag(self) -> float:
-        """The seconds that the loop was held up at most; 0 if never longer than ``lag_warning``."""
+        """Returns the most seconds that the loop was held up; 0 if never above ``lag_warning``."""
         return 0.0 if self._driver is None else self._driver.counting.greatest_lag / 1e9
 
     @property
     def deadlines(self) -> dict[str, CurrentDeadline]:
-        """The deadline in force of each cloud, by its name: that of its latest offer, and why."""
+        """Returns the deadline of each cloud's latest offer and its reason, by the cloud's name."""
         if self._driver is None:
             return {}
         in_force = self._driver.counting.deadlines()
@@ -504,7 +510,7 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     @property
     def unrecorded(self) -> OSError | None:
-        """The error that ended the recording early, or what became of its file, if that is lost."""
+        """Returns the error that ended the recording early, such as a trace that was removed."""
         return None if self._driver is None else self._driver.recording.unrecorded
 
     def _running(self, method: str) -> Driver[M, V]:
@@ -543,7 +549,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return is_open and len(self._output.items) < self._output.limit
 
     def _count_not_taken(self, count: int) -> None:
-        """Count messages that the operator did not take, from any thread."""
+        """Counts messages that the operator did not take, from any thread."""
         with self._way:
             self._not_taken += count
 

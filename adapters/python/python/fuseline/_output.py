@@ -1,4 +1,4 @@
-"""The items of an operator that wait to be read."""
+"""Holds the items of an operator that wait to be read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Output(Generic[V]):
         self.is_ending = False
 
     def put(self, item: Item[V]) -> None:
-        """Add an item; it takes the place of an earlier one of its message that was not read."""
+        """Adds an item; it takes the place of an earlier one of its message that was not read."""
         if item.revision > 0:
             for place, earlier in enumerate(self.items):
                 if earlier.timestamp == item.timestamp:
@@ -44,7 +44,7 @@ class Output(Generic[V]):
             self.writers.wake()
 
     def take(self) -> Item[V]:
-        """Remove and return the oldest item, and wake the writers if there is room again."""
+        """Removes and returns the oldest item, and wakes the writers if there is room again."""
         item = self.items.popleft()
         self.read_count += 1
         if self.writers.waiters and len(self.items) < self.limit:
@@ -52,7 +52,7 @@ class Output(Generic[V]):
         return item
 
     def give_back(self, item: Item[V]) -> None:
-        """Put an item back that was taken for a reader who did not get it."""
+        """Puts an item back that was taken for a reader who did not get it."""
         self.items.appendleft(item)
         self.read_count -= 1
         self.readers.wake()

@@ -150,7 +150,7 @@ def _serve(connection: Connection, compute: Callable[..., Any]) -> None:
 
 
 def _sendable(error: BaseException) -> Exception:
-    """An error that can be sent and raised: itself, or else what it says."""
+    """Returns an error that can be sent and raised: itself, or else what it says."""
     if isinstance(error, Exception):
         with contextlib.suppress(Exception):
             ForkingPickler.loads(ForkingPickler.dumps(error))

@@ -1,4 +1,4 @@
-"""The end of an operator's recording: with the operator, or with the program."""
+"""Ends an operator's recording: with the operator, or with the program."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Recording:
 
     @property
     def unrecorded(self) -> OSError | None:
-        """The error that ended the recording early, or what became of its file."""
+        """Returns the error that ended the recording early, if one did."""
         why = self._engine.counting.unrecorded
         if why is not None:
             return OSError(why)
         return self._error or (None if self._trace is None else self._trace.lost())
 
     def end(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to write what is left; nothing comes after it."""
+        """Begins to write what is left; nothing comes after it."""
         self._engine.end(self._calls.now())
         if not self._engine.is_recording:
             self._engine.finish()
@@ -57,14 +57,14 @@ class Recording:
         writer.shutdown(wait=False)
 
     async def finish(self) -> None:
-        """Wait until the trace is written."""
+        """Waits until the trace is written."""
         if self._finished is not None:
             await asyncio.wait({self._finished})
             # Callbacks of the future run after that.
             await asyncio.sleep(0)
 
     def end_at_exit(self) -> None:
-        """Write the trace up to here, because the program ends."""
+        """Writes the trace up to here, because the program ends."""
         if self._process != os.getpid() or self._calls.is_over:
             return
         _log.warning("%s: the program ends, and it was not closed: its trace ends here", self._name)

@@ -28,7 +28,7 @@ LONGEST_PAUSE = 60.0
 
 
 class RemotePolicy(Protocol):
-    """A connection to a policy server.
+    """Is a connection to a policy server.
 
     ``infer`` may have a parameter ``call``, and is then given a `Call`: the tick is its
     ``timestamp``, and the seconds in which the action is of use its ``deadline``.
@@ -68,7 +68,7 @@ class RemoteThread:
         self._is_calling = False
 
     def is_ready(self) -> bool:
-        """Whether a call can be made: none is under way, and no connection has just ended."""
+        """Tells whether a call can be made: none is under way, and no connection has just ended."""
         if self._is_calling:
             return False
         if self._connection is not None and not self._connection.is_over:
@@ -76,7 +76,7 @@ class RemoteThread:
         return monotonic() >= self._ended + self._pause()
 
     async def infer(self, observation: Any, call: Call) -> Any:
-        """Make a call; at most one at a time."""
+        """Makes a call; at most one at a time."""
         connection = self._connection
         if connection is None or connection.is_over:
             connection = self._connection = PolicyConnection(self._connect, self._read)
@@ -90,7 +90,7 @@ class RemoteThread:
             self._is_calling = False
 
     def close(self) -> None:
-        """End the connection and a call under way; it does not wait for that."""
+        """Ends the connection and a call under way, without waiting for that."""
         connection, self._connection = self._connection, None
         if connection is None:
             return
@@ -109,7 +109,7 @@ class RemoteThread:
             )
 
     def wait(self, seconds: float) -> None:
-        """Wait until what was closed has ended, but no longer than this."""
+        """Waits until what was closed has ended, but no longer than this."""
         until = monotonic() + seconds
         for thread in self._alive():
             thread.join(max(until - monotonic(), 0.0))
@@ -124,7 +124,7 @@ class RemoteThread:
 
 
 class PolicyConnection:
-    """A thread that connects and makes calls, until it fails or is closed."""
+    """Connects and makes calls in a thread, until it fails or is closed."""
 
     def __init__(self, connect: Callable[[], RemotePolicy], read: Callable[[Any], Any]) -> None:
         self._connect, self._read = connect, read
@@ -140,7 +140,7 @@ class PolicyConnection:
         self.thread.start()
 
     def infer(self, observation: Any, call: Call) -> asyncio.Future[Any]:
-        """Hand a call to the thread."""
+        """Hands a call to the thread."""
         future: asyncio.Future[Any] = self._loop.create_future()
         self._calls.put((observation, call, monotonic() + call.deadline, future))
         return future
@@ -233,7 +233,7 @@ def _close(policy: RemotePolicy) -> None:
 
 
 def check_connects(remote: Any) -> None:
-    """A function that connects.
+    """Refuses what is no function that connects.
 
     Raises:
         ConfigError: if it is none, such as a policy.

@@ -64,7 +64,7 @@ class Setup(Generic[M, V]):
         linger: Duration = 0.0,
         max_age: int = 0,
     ) -> None:
-        """Register a cloud; up to 15, before the operator starts.
+        """Registers a cloud; up to 15, before the operator starts.
 
         Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
 
@@ -147,7 +147,7 @@ class Setup(Generic[M, V]):
         )
 
     def use_situation(self, situation: Callable[[M, int], Situation]) -> None:
-        """Set the function that tells policies about the vehicle, above all its speed.
+        """Sets the function that tells policies about the vehicle, above all its speed.
 
         It is called with each message that is written and its timestamp, and returns a
         `fuseline.deadline.Situation`. If it raises, or none is set, policies know nothing, and the
@@ -160,7 +160,7 @@ class Setup(Generic[M, V]):
         self._situation = situation
 
     def use_substitute(self, substitute: Callable[[Item[V]], V | None]) -> None:
-        """Set the function that gives a value for a message that is missed or refused (E4).
+        """Sets the function that gives a value for a message that is missed or refused (E4).
 
         The value may be the last plan, or a stop. The item carries it as its value and as its
         ``substitute``; the ending and the trace stay as they are. A message with an end-to-end
@@ -179,7 +179,7 @@ class Setup(Generic[M, V]):
         self._handlers.substitute = substitute
 
     def use_state(self, state: CarriedState[S], state_of: Callable[[V], S]) -> None:
-        """Take over the state of each result that is sent, local's or a cloud's (E10).
+        """Takes over the state of each result that is sent, local's or a cloud's (E10).
 
         Args:
             state: The state that local reads with its next message.
@@ -205,7 +205,7 @@ class Setup(Generic[M, V]):
         resume: int = 0,
         calls: int = 8,
     ) -> None:
-        """Register side requests, whose answers help local with later messages.
+        """Registers side requests, whose answers help local with later messages.
 
         An answer may be a plan for what may happen, for instance. No output waits for it, and it
         becomes no output. Requests are gated and bounded as those of a cloud are.
@@ -241,6 +241,6 @@ class Setup(Generic[M, V]):
             raise ConfigError(f"{what} after the start; register it before")
 
     def _names(self) -> list[str]:
-        """Return the names that counts have already."""
+        """Returns the names that counts have already."""
         sides = [side.name for side in self._handlers.sides]
         return [self.name, *sides, *(it.cloud.name or "" for it in self._clouds)]

@@ -1,4 +1,4 @@
-"""Side requests: calls whose answers change shared state and never become an output."""
+"""Makes side requests: calls whose answers change shared state and become no output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _log = logging.getLogger("fuseline")
 
 @dataclass(slots=True)
 class SideRequest:
-    """A registered side request with its calls. The machine does not know of them."""
+    """Makes the calls of a registered side request. The machine does not know of them."""
 
     name: str
     handle: Callable[[Any, Call], Awaitable[Any]]
@@ -35,7 +35,7 @@ class SideRequest:
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def on_message(self, message: Any, call: Call) -> None:
-        """Make a request about a message that was taken on, if the message handler wants one."""
+        """Makes a request about a message that was accepted, if the message handler wants one."""
         try:
             wanted = self.message_handler(message, call.timestamp)
             if wanted is None:
@@ -58,7 +58,7 @@ class SideRequest:
         task.add_done_callback(self.tasks.discard)
 
     def stop(self) -> list[asyncio.Task[None]]:
-        """Abort what is under way."""
+        """Aborts the calls under way, and returns their tasks."""
         tasks = list(self.tasks)
         for task in tasks:
             task.cancel()

@@ -1,4 +1,4 @@
-"""The sources of an operator, and what is done with what they give."""
+"""Holds the sources of an operator and its handlers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class RegisteredCloud:
-    """A cloud, and what its requests are made of and go to."""
+    """Holds a cloud, and what its requests are made of and go to."""
 
     cloud: Cloud
     handle: Callable[[Any, Call], Awaitable[Any]]
@@ -37,7 +37,7 @@ class RegisteredCloud:
     last_deadline: tuple[float, ns] = (0.0, ns(0))
 
     def deadline_of(self, deadline: Any) -> ns:
-        """What the message handler returned for a deadline, in nanoseconds."""
+        """Returns the deadline that the message handler gave, in nanoseconds."""
         last = self.last_deadline
         if deadline is last[0]:
             return last[1]
@@ -49,7 +49,7 @@ class RegisteredCloud:
 
 @dataclass(slots=True)
 class OutputHandlers:
-    """What is done with items beside sending them, and with messages beside computing them."""
+    """Holds what handles items beside sending them, and messages beside computing them."""
 
     #: E4: gives what is sent for a message that is missed or refused.
     substitute: Callable[[Item[Any]], Any] | None = None
@@ -66,7 +66,7 @@ class OutputHandlers:
 
 @dataclass(slots=True)
 class SourceTasks:
-    """The calls or computations of one source."""
+    """Holds the calls or computations of one source."""
 
     #: The most that may go on, those included that should have ended.
     limit: int
@@ -79,7 +79,7 @@ class SourceTasks:
     aborted: set[asyncio.Task[None]] = field(default_factory=set)
 
     def abort(self, t: int) -> None:
-        """Cancel a task; what it still returns is of no use."""
+        """Cancels a task; what it still returns is of no use."""
         task = self.in_flight.pop(t, None)
         if task is not None:
             self.aborted.add(task)
@@ -88,14 +88,14 @@ class SourceTasks:
 
 
 async def value_of(returned: Any) -> Any:
-    """Local's result."""
+    """Returns local's result."""
     value = await returned
     check_value(value, "local", "give an async def, which awaits it")
     return value
 
 
 async def response_of(cloud: RegisteredCloud, returned: Any) -> Any:
-    """The result of what a handle returned."""
+    """Returns the result of what a handle returned."""
     check_awaitable(returned, "the handle")
     response = await returned
     check_value(response, "the handle", "await it there")
@@ -107,7 +107,7 @@ async def response_of(cloud: RegisteredCloud, returned: Any) -> Any:
 
 
 async def awaited_value(value: Awaitable[Any]) -> Any:
-    """The result of a response handler's awaitable."""
+    """Returns the result of a response handler's awaitable."""
     awaited = await value
     check_value(awaited, "the response handler", "await it there")
     return awaited

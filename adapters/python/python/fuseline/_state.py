@@ -1,4 +1,4 @@
-"""The state of a stateful operator, such as a tracker, which goes along with its messages (E10)."""
+"""Carries the state of an operator, such as a tracker, along with its messages (E10)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ S = TypeVar("S")
 
 
 class CarriedState(Generic[S]):
-    """The state from which an operator computes its next message; any thread may use it.
+    """Holds the state from which an operator computes its next message; any thread may use it.
 
     Local begins with `current` and gives what comes of it to `computed`; a message handler sends
     `current` along, and `Operator.use_state` takes over that of each result that is sent. The state
@@ -31,16 +31,16 @@ class CarriedState(Generic[S]):
         self._lock = threading.Lock()
 
     def current(self) -> S:
-        """The state to begin the next message with."""
+        """Returns the state to begin the next message with."""
         with self._lock:
             return self._state
 
     def computed(self, timestamp: int, state: S) -> None:
-        """Local computed a message to this state; whether its result is sent is not known yet."""
+        """Takes the state that local computed for a message; its result may not be sent."""
         self._replace((timestamp, False), state)
 
     def sent(self, timestamp: int, state: S) -> None:
-        """The result with this state was sent for a message."""
+        """Takes the state of the result that was sent for a message."""
         self._replace((timestamp, True), state)
 
     def _replace(self, of: tuple[int, bool], state: S) -> None:

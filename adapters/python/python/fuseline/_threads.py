@@ -14,7 +14,7 @@ _Job = tuple[asyncio.AbstractEventLoop, "asyncio.Future[Any]", tuple[Any, ...]]
 
 
 class DaemonThreads:
-    """So many threads, each with a function that ``make`` made for it.
+    """Runs threads, each with a function that ``make`` made for it.
 
     Unlike those of ``concurrent.futures`` they are daemons: one that hangs does not keep the
     program from ending.
@@ -30,14 +30,14 @@ class DaemonThreads:
             self._start(make())
 
     def run(self, *arguments: Any) -> asyncio.Future[Any]:
-        """Compute; a future of the running loop. If it is cancelled early, nothing is begun."""
+        """Returns a future of the running loop. If it is cancelled early, nothing is begun."""
         loop = asyncio.get_running_loop()
         future = loop.create_future()
         self._jobs.put((loop, future, arguments))
         return future
 
     def replace(self, future: asyncio.Future[Any]) -> bool:
-        """Let another thread take the place of the one that computes this, and that one end.
+        """Lets another thread take the place of the one that computes this, which then ends.
 
         Returns whether another thread was begun.
         """
@@ -51,12 +51,12 @@ class DaemonThreads:
         return True
 
     def hung_len(self) -> int:
-        """How many threads were replaced and have not ended."""
+        """Counts the threads that were replaced and have not ended."""
         with self._lock:
             return sum(self._running.values())
 
     def stop(self) -> None:
-        """End each thread once it has computed what it computes."""
+        """Ends each thread once it has computed what it computes."""
         self._jobs.put(None)
 
     def _start(self, compute: Callable[..., Any]) -> None:
@@ -82,7 +82,7 @@ class DaemonThreads:
         future: asyncio.Future[Any],
         arguments: tuple[Any, ...],
     ) -> bool:
-        """Whether another took this thread's place meanwhile."""
+        """Tells whether another thread took this one's place meanwhile."""
         if future.cancelled():
             return False
         with self._lock:

@@ -1,4 +1,4 @@
-"""A trace as a picture, for matplotlib, which may not be there."""
+"""Draws a trace with matplotlib, which may not be there."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def draw(
     waits: Points,
     missed: Sequence[float],
 ) -> Axes:
-    """A point for each message, and a line for how long a cloud was waited for in vain.
+    """Draws a point for each message, and a line for each wait in vain for a cloud.
 
     Args:
         ax: Where to draw; a figure of its own if None.

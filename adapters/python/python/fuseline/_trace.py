@@ -1,4 +1,4 @@
-"""A trace as objects, for notebooks."""
+"""Reads a trace as objects, for notebooks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 class Line(NamedTuple):
-    """A line of a trace after its header; what the line does not have is None."""
+    """Holds a line of a trace after its header; what the line does not have is None."""
 
     #: The line's number, counted from 1; the header's is 1.
     line: int
@@ -57,7 +57,7 @@ class Line(NamedTuple):
 
 
 class Trace:
-    """All lines of a trace, in memory.
+    """Holds all lines of a trace in memory.
 
     Args:
         trace: The trace's bytes, the path of its file, or an iterable of its lines.
@@ -99,7 +99,7 @@ class Trace:
         return len(self.lines)
 
     def source(self, p: int) -> str:
-        """The name of a source."""
+        """Returns the name of a source."""
         if p == 0:
             return "local"
         for cloud in self.header["clouds"]:
@@ -108,7 +108,7 @@ class Trace:
         return f"cloud-{p}"
 
     def to_arrow(self) -> pa.Table:
-        """The lines as a table, with a column for each field of `Line`.
+        """Returns the lines as a table, with a column for each field of `Line`.
 
         Raises:
             ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
@@ -118,7 +118,7 @@ class Trace:
         return table([tuple(line) for line in self.lines], LINES)
 
     def timeline(self, ax: Axes | None = None) -> Axes:
-        """Draw whose result went out for each message, and what was waited for.
+        """Draws whose result went out for each message, and what was waited for.
 
         Each message is a point, at how long it took, in the colour of the source whose result went.
         A line below it is a cloud that was waited for in vain.
@@ -139,7 +139,7 @@ class Trace:
         return draw(ax, str(self.header.get("operator") or self.file), named, waits, missed)
 
     def _ways(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
-        """What each source's messages took, where clouds were waited for in vain, what missed."""
+        """Returns how long each source took, where waits were in vain, and what was missed."""
         opened: dict[int, int] = {}
         requested: dict[tuple[int, int], int] = {}
         waits: list[Point] = []

@@ -1,4 +1,4 @@
-"""A trace's file while it is written: nobody else writes it, and nobody removes it unnoticed."""
+"""Holds a trace's file while it is written: nobody else writes it or removes it unnoticed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class TraceFile:
         _HELD.add(self)
 
     def lost(self) -> OSError | None:
-        """What became of the file, if it was removed or another is in its place."""
+        """Returns an error if the file was removed, or if another is in its place."""
         if not self._close.alive:
             return None
         try:
@@ -42,11 +42,11 @@ class TraceFile:
         return None
 
     def close(self) -> None:
-        """Let go of it."""
+        """Lets go of the file."""
         self._close()
 
     def give_up(self) -> None:
-        """Let go of it, for nothing will be written; a file that is new is removed."""
+        """Lets go of the file, for nothing will be written; a new file is removed."""
         self._close()
         if self._is_new:
             self._path.unlink()
@@ -66,7 +66,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _is_trace(file: Path) -> bool:
-    """Whether the file is an earlier trace, or empty."""
+    """Tells whether the file is an earlier trace, or empty."""
     with file.open("rb") as opened:
         head = opened.read(len(_HEAD))
     return head in (b"", _HEAD)

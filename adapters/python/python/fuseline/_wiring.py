@@ -1,4 +1,4 @@
-"""Whether what an operator is made of fits where it is given; before the drive, if it shows."""
+"""Checks that what an operator is made of fits where it is given; before the drive, if it shows."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from fuseline.deadline import Policy, learners
 
 
 class WiringError(ConfigError):
-    """A mistake in what an operator is made of that shows only in a call."""
+    """Reports a mistake in what an operator is made of that shows only in a call."""
 
 
 def check_function(function: Any, what: str) -> None:
-    """A plain function, or what can be called like one.
+    """Refuses what is no plain function, and cannot be called like one.
 
     Raises:
         ConfigError: if it cannot be called, is a class, yields, or is an ``async def``.
@@ -35,7 +35,7 @@ def check_function(function: Any, what: str) -> None:
 
 
 def check_handle(handle: Any) -> None:
-    """An ``async def``, or what may return an awaitable.
+    """Refuses what is no ``async def``, and cannot return an awaitable.
 
     Raises:
         ConfigError: if it cannot be called, is a class or a generator, or is not async.
@@ -54,7 +54,7 @@ def check_handle(handle: Any) -> None:
 
 
 def check_takes(function: Any, what: str, *arguments: str) -> None:
-    """A function that can be called with so many arguments, if it says what it takes.
+    """Refuses a function that says that it takes other arguments.
 
     Raises:
         ConfigError: if it cannot.
@@ -71,7 +71,7 @@ def check_takes(function: Any, what: str, *arguments: str) -> None:
 
 
 def check_awaitable(returned: Any, what: str) -> None:
-    """What a handle returned when it was called, to be awaited.
+    """Refuses what a handle returned if it cannot be awaited.
 
     Raises:
         WiringError: if it is no awaitable, as of a lambda that returns a value.
@@ -82,7 +82,7 @@ def check_awaitable(returned: Any, what: str) -> None:
 
 
 def check_value(value: Any, what: str, remedy: str) -> None:
-    """A value that is sent on, such as a response.
+    """Refuses a value that cannot be sent on, such as an awaitable for a response.
 
     Raises:
         WiringError: if it is an awaitable that nobody would await, or a generator.
@@ -102,7 +102,7 @@ def check_value(value: Any, what: str, remedy: str) -> None:
 
 
 def no_value(what: str) -> WiringError:
-    """Where None is returned for a value: nearly always a ``return`` is missing."""
+    """Returns the error for None as a value: nearly always a ``return`` is missing."""
     return WiringError(
         f"{what} returned None, which is no value: add the return, or return an empty value that "
         "is not None"
@@ -110,7 +110,7 @@ def no_value(what: str) -> WiringError:
 
 
 def check_read(value: Any, what: str) -> None:
-    """A value that a plain handler returned, and that must be there.
+    """Refuses what a plain handler returned if it is no value.
 
     Raises:
         WiringError: if it is None, an awaitable or a generator.
@@ -121,13 +121,13 @@ def check_read(value: Any, what: str) -> None:
 
 
 def check_response_handler(handler: Any) -> None:
-    """Anything that can be called; a class makes the output of the response."""
+    """Refuses what cannot be called; a class makes the output of the response."""
     if not callable(handler):
         raise ConfigError(f"a response handler is a function, not {handler!r}")
 
 
 def check_priority(priority: Any, others: list[int]) -> None:
-    """A whole number of its own.
+    """Refuses a priority that is none, or another cloud's.
 
     Raises:
         ConfigError: if it is none, out of range, or another cloud's.
@@ -141,20 +141,20 @@ def check_priority(priority: Any, others: list[int]) -> None:
 
 
 def check_count(count: Any, least: int, what: str) -> None:
-    """A whole number of at least this."""
+    """Refuses what is no whole number of at least ``least``."""
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
         raise ConfigError(f"{what} of {count!r}; it is an int of at least {least}")
 
 
 def check_range(count: Any, least: int, most: int, what: str) -> None:
-    """A whole number from this to that."""
+    """Refuses what is no whole number from ``least`` to ``most``."""
     check_count(count, least, what)
     if count > most:
         raise ConfigError(f"{what} of {count}; it is at most {most}")
 
 
 def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
-    """A name of its own, which counts, logs and traces are read by.
+    """Refuses a name that counts, logs and traces could not be read by.
 
     Raises:
         ConfigError: if it is no text, empty, or taken.
@@ -170,7 +170,7 @@ def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
 
 
 def check_text(name: Any, what: str) -> None:
-    """Refuse a name that logs cannot show in one line.
+    """Refuses a name that logs cannot show in one line.
 
     Raises:
         ConfigError: if it is no text, empty, or has a line break or another control character.
@@ -187,7 +187,7 @@ def check_text(name: Any, what: str) -> None:
 
 
 def check_commit(commit: Any) -> None:
-    """The word of a commit rule.
+    """Refuses what is no word of a commit rule.
 
     Raises:
         ConfigError: if it is none.
@@ -198,7 +198,7 @@ def check_commit(commit: Any) -> None:
 
 
 def check_message(message: Any) -> None:
-    """A message, and no coroutine that would give one.
+    """Refuses a coroutine or a generator in place of a message.
 
     Raises:
         ConfigError: if it is a coroutine or a generator.
@@ -211,7 +211,7 @@ def check_message(message: Any) -> None:
 
 
 def check_result(value: Any) -> None:
-    """A result that is sent, and not one that says that there is none.
+    """Refuses a result that says that there is none.
 
     Raises:
         WiringError: if it is a future that nobody waits for.
@@ -226,7 +226,7 @@ def check_result(value: Any) -> None:
 
 
 def check_clock(clock: Any) -> None:
-    """A function that reads whole nanoseconds.
+    """Refuses a clock that does not read whole nanoseconds.
 
     Raises:
         ConfigError: if it is none, or reads something else, such as seconds as a float.
@@ -243,7 +243,7 @@ def check_clock(clock: Any) -> None:
 
 
 def check_trace(path: Any) -> None:
-    """The path of a file.
+    """Refuses what is no path of a file.
 
     Raises:
         ConfigError: if it is none, such as an open file.
@@ -253,7 +253,7 @@ def check_trace(path: Any) -> None:
 
 
 def check_reserve(reserve: Any) -> None:
-    """A list of `Latency`.
+    """Refuses what is no list of `Latency`.
 
     Raises:
         ConfigError: if it is none.
@@ -266,7 +266,7 @@ def check_reserve(reserve: Any) -> None:
 
 
 def check_messages(messages: Any) -> None:
-    """A stream of messages.
+    """Refuses what is no stream of messages.
 
     Raises:
         ConfigError: if it is none, or most likely one message, such as a text or a dictionary.
@@ -285,7 +285,7 @@ def check_messages(messages: Any) -> None:
 
 
 def check_timeout(timeout: Any) -> float | None:
-    """How long to wait, in seconds; None for ever.
+    """Returns how long to wait, in seconds; None waits without end.
 
     Raises:
         TypeError: if it is no duration.
@@ -304,7 +304,7 @@ def check_timeout(timeout: Any) -> float | None:
 
 
 def check_policy(policy: Any) -> None:
-    """An object with the methods of a policy, or a plain function.
+    """Refuses what is no object with the methods of a policy, and no plain function.
 
     Raises:
         ConfigError: if it is a class, neither of both, or lacks a method.
@@ -319,7 +319,7 @@ def check_policy(policy: Any) -> None:
 
 
 def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str) -> None:
-    """A policy that learns of one cloud alone.
+    """Refuses a policy that would learn of two clouds as of one.
 
     Raises:
         ConfigError: if another cloud has it, or a part of it, too.
@@ -333,7 +333,7 @@ def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str)
 
 
 def is_awaitable(value: Any) -> bool:
-    """Whether it can be awaited. As `inspect.isawaitable`, which takes several times as long."""
+    """Tells whether a value can be awaited, in a fraction of `inspect.isawaitable`'s time."""
     kind = type(value)
     if kind is GeneratorType:
         return inspect.isawaitable(value)
@@ -341,7 +341,7 @@ def is_awaitable(value: Any) -> bool:
 
 
 def is_async(function: Any) -> bool:
-    """Whether it is an ``async def``, or an object, not its class, that is called like one."""
+    """Tells whether it is an ``async def``, or an object that is called like one."""
     called = None if inspect.isclass(function) else getattr(function, "__call__", None)  # noqa: B004
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
 

@@ -1,4 +1,4 @@
-"""The machine's words: what goes into it and what it answers.
+"""Defines the machine's words: what goes into it and what it answers.
 
 Each answer is a small immutable object, made to be matched:
 
@@ -21,7 +21,7 @@ from fuseline._errors import TimeError
 
 
 class _Word(str, Enum):
-    """A word of a trace."""
+    """Is a word of a trace."""
 
     def __str__(self) -> str:
         return str(self.value)
@@ -31,7 +31,7 @@ class _Word(str, Enum):
 
 
 class Commit(_Word):
-    """When a result is forwarded although a better one is pending (F6, F9)."""
+    """Says when a result is forwarded although a better one is pending (F6, F9)."""
 
     #: With the first cloud's timer that fires.
     EAGER = "eager"
@@ -42,7 +42,7 @@ class Commit(_Word):
 
 
 class OpenRefusal(_Word):
-    """Why an open was refused; the first that holds, in this order (F1)."""
+    """Says why an open was refused; the first reason that holds, in this order (F1)."""
 
     #: This timestamp or a later one was opened before.
     ORDER = "order"
@@ -53,7 +53,7 @@ class OpenRefusal(_Word):
 
 
 class OfferRefusal(_Word):
-    """Why an offer was refused; the first that holds, in this order (F2)."""
+    """Says why an offer was refused; the first reason that holds, in this order (F2)."""
 
     #: No such cloud is registered, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
@@ -70,7 +70,7 @@ class OfferRefusal(_Word):
 
 
 class DropReason(_Word):
-    """Why a result or a failure was dropped; the first that holds, in this order (F3, F4)."""
+    """Says why a result or failure was dropped; the first reason that holds (F3, F4)."""
 
     #: No such source, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
@@ -87,7 +87,7 @@ class DropReason(_Word):
 
 @dataclass(frozen=True)
 class Cloud:
-    """One cloud of a machine."""
+    """Configures one cloud of a machine."""
 
     #: The priority, 1 to 65535; no two clouds have the same, and the greater wins.
     p: int
@@ -103,7 +103,7 @@ W = TypeVar("W", OpenRefusal, OfferRefusal)
 
 
 class ns(int):  # noqa: N801 - it stands where a unit stands
-    """A duration in whole nanoseconds, exact from 0 to 2**64 - 1.
+    """Holds a duration in whole nanoseconds, exact from 0 to 2**64 - 1.
 
     Where a duration goes in, a plain int is refused: it could be meant as seconds. What is reckoned
     from one, such as half of it, is a plain int again.
@@ -122,7 +122,7 @@ class ns(int):  # noqa: N801 - it stands where a unit stands
     __slots__ = ()
 
     def __new__(cls, nanoseconds: SupportsIndex, /) -> ns:
-        """So many nanoseconds."""
+        """Makes a duration of whole nanoseconds."""
         if isinstance(nanoseconds, bool) or not hasattr(nanoseconds, "__index__"):
             raise TypeError(
                 f"ns({nanoseconds!r}): nanoseconds are a whole number as an int; for seconds write "
@@ -141,12 +141,12 @@ class ns(int):  # noqa: N801 - it stands where a unit stands
 
 @dataclass(frozen=True)
 class Accepted:
-    """The timestamp is open and waits for local (F1)."""
+    """Says that the timestamp is open and waits for local (F1)."""
 
 
 @dataclass(frozen=True)
 class Admitted:
-    """Send the request (F2)."""
+    """Asks to send the request (F2)."""
 
     #: The due instant in nanoseconds; a result at this instant is late.
     due: int
@@ -154,7 +154,7 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Refused(Generic[W]):
-    """The open or the offer changed nothing but, of an offer, the gate."""
+    """Says that the open or the offer changed nothing, except that an offer moves the gate."""
 
     #: The first reason that holds.
     why: W
@@ -162,7 +162,7 @@ class Refused(Generic[W]):
 
 @dataclass(frozen=True)
 class Dropped:
-    """The result or failure changed nothing (F3, F4)."""
+    """Says that the result or failure changed nothing (F3, F4)."""
 
     #: The first reason that holds.
     why: DropReason
@@ -170,17 +170,17 @@ class Dropped:
 
 @dataclass(frozen=True)
 class Held:
-    """Keep the result: it is available, but something pending outranks it (F3)."""
+    """Asks to keep the result: it is available, but something pending outranks it (F3)."""
 
 
 @dataclass(frozen=True)
 class Waiting:
-    """The failure or the timers were taken in; the timestamp stays open (F6)."""
+    """Says that the failure or the timers were taken in; the timestamp stays open (F6)."""
 
 
 @dataclass(frozen=True)
 class Preliminary:
-    """Send a result downstream; better ones may follow (F9). Only under progressive."""
+    """Asks to send a result downstream; better ones may follow (F9). Only under progressive."""
 
     #: Whose result it is; 0 is local's.
     by: int
@@ -190,7 +190,7 @@ class Preliminary:
 
 @dataclass(frozen=True)
 class Final:
-    """What was sent last is the best there is; the timestamp is retired (F9)."""
+    """Says that the result sent last is the best there is; the timestamp is retired (F9)."""
 
     #: Whose result it is; 0 is local's.
     by: int
@@ -198,7 +198,7 @@ class Final:
 
 @dataclass(frozen=True)
 class Forwarded:
-    """Send a result downstream; the timestamp is retired (F7)."""
+    """Asks to send a result downstream; the timestamp is retired (F7)."""
 
     #: Whose result it is; 0 is local's.
     by: int
@@ -208,7 +208,7 @@ class Forwarded:
 
 @dataclass(frozen=True)
 class Missed:
-    """Nothing came and nothing will; the timestamp is retired (F6)."""
+    """Says that nothing came and nothing will; the timestamp is retired (F6)."""
 
 
 #: The answer to an open.
@@ -221,7 +221,7 @@ Outcome = Dropped | Held | Waiting | Preliminary | Forwarded | Final | Missed
 
 @dataclass(frozen=True)
 class Firing:
-    """One timestamp's timers fired at one due instant (F5)."""
+    """Says that timers of one timestamp fired at one due instant (F5)."""
 
     #: The timestamp.
     t: int

@@ -1,4 +1,4 @@
-"""Which deadline is safe, and which is worth it.
+"""Chooses deadlines: which one is safe, and which one is worth it.
 
 A policy chooses the deadline of each request to one cloud, at most what the message handler says,
 and learns how each call ended. Keep one for each cloud, and give it to `Operator.use_cloud`:
@@ -67,7 +67,7 @@ class _Word(Enum):
 
 
 class End(_Word):
-    """How a call ended."""
+    """Says how a call ended."""
 
     #: Its result came, in time or late.
     ANSWERED = "answered"
@@ -78,7 +78,7 @@ class End(_Word):
 
 
 class Reason(_Word):
-    """Why a deadline is in force."""
+    """Says why a deadline is in force."""
 
     #: It never changes.
     CONSTANT = "constant"
@@ -93,7 +93,7 @@ class Reason(_Word):
 
 
 class Case(_Word):
-    """Which case of the guard holds."""
+    """Says which case of the guard holds."""
 
     #: Local alone surely stops, with time to spare.
     LOCAL_STOPS = 1
@@ -105,7 +105,7 @@ class Case(_Word):
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a policy may know when it is asked."""
+    """Tells a policy what it may know when it is asked."""
 
     #: The vehicle's speed from this message's capture until it could brake for it, in m/s. If it is
     #: not a speed, nothing is known and nothing is risked.
@@ -118,7 +118,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A deadline, and why it was chosen."""
+    """Holds a deadline, and says why it was chosen."""
 
     #: The deadline.
     deadline: ns
@@ -134,15 +134,15 @@ class Policy(Protocol):
     """Chooses the deadlines of one cloud's requests; write your own, or take those here."""
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """The deadline of the request that is about to be made, at most ``cap``."""
+        """Returns the deadline of the request that is about to be made, at most ``cap``."""
 
     def ended(self, end: End, age: Duration) -> None:
-        """A call has ended, so long after its message was taken in."""
+        """Learns that a call ended, and its age then: the time since its message was taken in."""
 
 
 @dataclass(frozen=True)
 class Hazard:
-    """A class of hazards, such as standing motorcycles."""
+    """Describes a class of hazards, such as standing motorcycles."""
 
     #: How far away local begins to report it, in metres.
     range_local: Figure = 39.0
@@ -154,7 +154,7 @@ class Hazard:
 
 @dataclass(frozen=True)
 class Parameters:
-    """The vehicle, its sources and the hazards; the default is the paper's traffic jam."""
+    """Describes the vehicle, its sources and the hazards; by default the paper's traffic jam."""
 
     #: Full braking, in m/s².
     deceleration: Figure = 7.5
@@ -185,13 +185,13 @@ Loss: TypeAlias = Callable[[Situation, Whose, ns], float]
 
 class _Priced:
     def __call__(self, situation: Situation, source: Whose, response: Duration) -> float:
-        """What an output of a source costs, so long after its message's capture."""
+        """Returns what an output of a source costs, ``response`` after its message's capture."""
         return _fuseline.loss(self, situation, source, response)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class Impact(_Priced):
-    """A loss: the square of the speed at impact with an obstacle at rest, in m²/s².
+    """Prices an output by the squared speed at impact with an obstacle at rest, in m²/s².
 
     >>> Impact(Parameters())(Situation(speed=22.0), "local", 0.3017)
     64.56...
@@ -202,7 +202,7 @@ class Impact(_Priced):
 
 @dataclass(frozen=True)
 class Accuracy(_Priced):
-    """A loss: accuracy lost against the better source, and a price for each ms of waiting.
+    """Prices an output by its loss of accuracy to the better source and by each ms of waiting.
 
     >>> Accuracy(local=0.3, cloud=0.5, price_per_ms=0.001)(Situation(), "cloud", 0.02)
     0.02
@@ -218,7 +218,7 @@ class Accuracy(_Priced):
 
 @dataclass(frozen=True)
 class BoxDetector:
-    """How well a detector of boxes does on single frames."""
+    """Says how well a detector of boxes does on single frames."""
 
     #: Its accuracy where a box counts that overlaps by half, such as its AP50.
     accuracy: float
@@ -235,7 +235,7 @@ class _StreamLoss(_Priced):
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the guard found for a situation."""
+    """Holds what the guard found for a situation."""
 
     #: How long after capture local's results surely suffice to stop, in seconds.
     budget_local: float
@@ -249,7 +249,7 @@ class Assessment:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Calls seen until the same age."""
+    """Counts calls that were seen until the same age."""
 
     #: The age.
     response: ns
@@ -260,7 +260,7 @@ class Observation:
 
 
 class Step(NamedTuple):
-    """A response that was observed."""
+    """Holds one step of the estimate: a response that was observed."""
 
     #: The response.
     response: ns
@@ -272,12 +272,12 @@ class Step(NamedTuple):
 
 class _Capping:
     def caps(self, policy: Policy) -> Policy:
-        """This policy's deadline as the cap of another's."""
+        """Returns a policy with this policy's deadline as the cap of another's."""
         return Capped(self, policy)  # type: ignore[arg-type]
 
 
 class Constant(_Capping):
-    """The same deadline for every message. It knows nothing of safety.
+    """Chooses the same deadline for every message. It knows nothing of safety.
 
     >>> Constant(0.5).decide(Situation(), cap=0.2)
     Chosen(deadline=ns(200000000), reason=Reason.CAP, case=None, loss=None)
@@ -291,22 +291,22 @@ class Constant(_Capping):
 
     @property
     def deadline(self) -> ns:
-        """The deadline, which never changes."""
+        """Returns the deadline, which never changes."""
         return self._deadline
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:  # noqa: ARG002
-        """The deadline, or the cap if that is shorter."""
+        """Returns the deadline, or the cap if that is shorter."""
         cap = _fuseline.nanoseconds(cap)
         if self.deadline <= cap:
             return Chosen(self.deadline, Reason.CONSTANT)
         return Chosen(cap, Reason.CAP)
 
     def ended(self, end: End, age: Duration) -> None:
-        """It learns nothing."""
+        """Learns nothing."""
 
 
 class Guard(_Capping):
-    """The longest deadline with which fusion never hits what local alone would not (T2).
+    """Chooses the longest deadline with which fusion hits nothing that local alone would not (T2).
 
     Any shorter one keeps that guarantee, so it also holds for every policy that the guard caps.
 
@@ -329,20 +329,20 @@ class Guard(_Capping):
         return f"Guard({self.parameters!r})"
 
     def judge(self, situation: Situation) -> Assessment:
-        """The longest deadline that is safe now, and why."""
+        """Returns the longest deadline that is safe now, and why."""
         local, cloud, case, deadline = self._guard.judge(situation)
         return Assessment(local, cloud, Case(case), ns(deadline))
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """The longest deadline that is safe, or the cap if that is shorter."""
+        """Returns the longest deadline that is safe, or the cap if that is shorter."""
         return _chosen(self._guard.decide(situation, cap))
 
     def ended(self, end: End, age: Duration) -> None:
-        """It learns nothing."""
+        """Learns nothing."""
 
 
 class Expected(_Capping):
-    """The deadline of least mean loss, by how the last 64 calls ended (T3).
+    """Chooses the deadline of least mean loss, by how the last 64 calls ended (T3).
 
     It can be pickled, and what it knows of the cloud goes along; of that the copy forgets the
     quickest calls first. It knows nothing of safety: let a `Guard` cap it. One message in
@@ -378,19 +378,19 @@ class Expected(_Capping):
 
     @property
     def probe_every(self) -> int | None:
-        """One message in so many is a probe."""
+        """Returns how many messages have one probe among them, or None."""
         return self._made_of[2]
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """The deadline of least mean loss, at most the cap."""
+        """Returns the deadline of least mean loss, at most the cap."""
         return _chosen(self._expected.decide(situation, cap))
 
     def ended(self, end: End, age: Duration) -> None:
-        """Remember how a call ended, and forget the one 64 calls ago."""
+        """Remembers how a call ended, and forgets the one 64 calls ago."""
         self._expected.ended(end.value, age)
 
     def observations(self) -> list[Observation]:
-        """What is known of the cloud: by response, answered calls before those given up."""
+        """Returns what is known of the cloud: by response, answered calls before those given up."""
         return [
             Observation(ns(age), is_answered, count)
             for age, is_answered, count in self._expected.observations()
@@ -398,7 +398,7 @@ class Expected(_Capping):
 
 
 class Streaming(Expected):
-    """The deadline of least mean loss in a stream of outputs, of which the newest is in force.
+    """Chooses the deadline of least mean loss in a stream, of which the newest output is in force.
 
     An output costs accuracy, and what the world moves until the next one: by the last 64 speeds of
     boxes, given to `moved`. While no speed is known, nothing moves. Under progressive waiting costs
@@ -448,7 +448,7 @@ class Streaming(Expected):
         self.moved(speeds)
 
     def moved(self, speeds: Iterable[float]) -> None:
-        """Learn how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
+        """Learns how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
 
         A speed is in sizes of the box a second: ``|vx| / width + |vy| / height``. What is no speed
         is ignored.
@@ -459,7 +459,7 @@ class Streaming(Expected):
 
 
 class Observations:
-    """The ends of the last 64 calls of one cloud.
+    """Remembers the ends of the last 64 calls of one cloud.
 
     >>> seen = Observations()
     >>> seen.add(End.ANSWERED, 0.02)
@@ -479,18 +479,18 @@ class Observations:
             self.add(end, age)
 
     def add(self, end: End, age: Duration) -> None:
-        """Remember how a call ended, and forget the one 64 calls ago."""
+        """Remembers how a call ended, and forgets the one 64 calls ago."""
         self._observations.add(end.value, age)
 
     def sorted(self) -> list[Observation]:
-        """What is remembered: by response, answered calls before those given up."""
+        """Returns what is remembered: by response, answered calls before those given up."""
         return [
             Observation(ns(age), is_answered, count)
             for age, is_answered, count in self._observations.sorted()
         ]
 
     def survival(self, under_way: Sequence[Duration] = ()) -> list[Step]:
-        """The estimate of Kaplan and Meier, a step for each distinct response.
+        """Returns the estimate of Kaplan and Meier, a step for each distinct response.
 
         Args:
             under_way: The ages of the calls under way, the oldest first.
@@ -499,52 +499,52 @@ class Observations:
 
 
 class Capped(_Capping):
-    """A policy under the cap of another; made by ``caps``."""
+    """Chooses a policy's deadline under the cap of another; made by ``caps``."""
 
     def __init__(self, cap: Policy, policy: Policy) -> None:
         self._cap, self._policy = cap, policy
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """The policy's deadline among those up to the cap's."""
+        """Returns the policy's deadline among those up to the cap's."""
         limit = self._cap.decide(situation, cap)
         chosen = self._policy.decide(situation, limit.deadline)
         return limit if chosen.reason is Reason.CAP else chosen
 
     def ended(self, end: End, age: Duration) -> None:
-        """Both learn of it."""
+        """Tells both policies how the call ended."""
         self._cap.ended(end, age)
         self._policy.ended(end, age)
 
 
 class Called(_Capping):
-    """A plain function of situation and cap as a policy that learns nothing."""
+    """Makes a policy that learns nothing of a plain function of situation and cap."""
 
     def __init__(self, function: Callable[[Situation, ns], Duration]) -> None:
         self._function = function
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """What the function says, or the cap if that is shorter."""
+        """Returns what the function says, or the cap if that is shorter."""
         cap = _fuseline.nanoseconds(cap)
         return Constant(self._function(situation, cap)).decide(situation, cap)
 
     def ended(self, end: End, age: Duration) -> None:
-        """It learns nothing."""
+        """Learns nothing."""
 
 
 def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
-    """What was given, or a plain function as a policy."""
+    """Returns a policy as it is, or makes one of a plain function."""
     return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
 
 
 def learners(policy: Policy) -> list[Policy]:
-    """The policies of which it is made that learn how calls ended."""
+    """Returns the policies of which it is made that learn how calls ended."""
     if isinstance(policy, Capped):
         return [*learners(policy._cap), *learners(policy._policy)]
     return [] if type(policy) in (Constant, Guard, Called) else [policy]
 
 
 def compiled(policy: Policy) -> Any:
-    """What the engine takes: of this module's own policies what is compiled, else the policy."""
+    """Returns the compiled part of this module's own policies, or any other policy as it is."""
     # What is derived from them may have methods of its own.
     if type(policy) is Constant:
         return policy.deadline

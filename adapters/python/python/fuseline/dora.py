@@ -1,4 +1,4 @@
-"""A node of dora that adds clouds to a dataflow: it forwards values unread, as the ROS 2 node does.
+"""Adds clouds to a dataflow of dora: the node forwards values unread, as the ROS 2 node does.
 
 What read ``camera/image`` so far reads ``fusion/local_request``, and in each cloud
 ``fusion/west_request``. With its result it sends the metadata of what it read, as dora's services
@@ -122,7 +122,7 @@ class DoraSource:
 
 
 class FusionNode:
-    """The node, around an `Operator`.
+    """Runs the node around an `Operator`.
 
     Args:
         node: A `dora.Node`, or what has its methods.
@@ -190,7 +190,7 @@ class FusionNode:
         )
 
     async def serve(self) -> None:
-        """Read the node's events until ``input`` is closed, and send what each leads to."""
+        """Reads the node's events until ``input`` is closed, and sends what each leads to."""
         async with self.operator:
             loop = asyncio.get_running_loop()
             reader = threading.Thread(target=self._read, args=[loop])
@@ -202,12 +202,12 @@ class FusionNode:
                 await asyncio.to_thread(reader.join)
 
     async def send_items(self) -> None:
-        """Send what each input leads to, until the operator ends."""
+        """Sends what each input leads to, until the operator ends."""
         async for item in self.operator:
             self._send(item)
 
     def take(self, event: dict[str, Any] | None) -> None:
-        """Take an event of dora's, or None after the last one."""
+        """Takes an event of dora's, or None after the last one."""
         kind = "STOP" if event is None else event["type"]
         name = "" if event is None else str(event.get("id", ""))
         source = self._sources.get(name.removesuffix("_result"))
@@ -268,7 +268,7 @@ def _cloud(text: str) -> tuple[str, float]:
 
 
 def main() -> int:
-    """Be a node, as the arguments say."""
+    """Runs a node, as the arguments say."""
     parser = argparse.ArgumentParser("python -m fuseline.dora")
     parser.add_argument(
         "--cloud", type=_cloud, action="append", default=[], metavar="NAME=SECONDS",

@@ -25,7 +25,7 @@ Box: TypeAlias = Sequence[float]
 
 
 def overlap(one: Box, other: Box) -> float:
-    """The share that two boxes have in common of all that they cover (IoU).
+    """Returns the share that two boxes have in common of all that they cover (IoU).
 
     >>> overlap((0.0, 0.0, 2.0, 1.0), (1.0, 0.0, 3.0, 1.0))
     0.333...
@@ -59,7 +59,7 @@ class Forecast:
         self._velocities: list[tuple[float, float] | None] = []
 
     def update(self, at: float, boxes: Sequence[Box]) -> list[float]:
-        """Take the boxes of what was captured at an instant, in seconds.
+        """Takes the boxes of what was captured at an instant, in seconds.
 
         Boxes of the same instant take the place of those before, as a revision does; boxes of an
         earlier one are ignored.
@@ -85,7 +85,7 @@ class Forecast:
         return speeds
 
     def boxes(self, at: float) -> list[tuple[float, ...]]:
-        """The newest boxes, each where it should be at an instant."""
+        """Returns the newest boxes, each where it should be at an instant."""
         moved = []
         for box, velocity in zip(self._boxes, self._velocities, strict=True):
             x, y = ((at - self._at) * it for it in velocity or (0.0, 0.0))

@@ -47,7 +47,7 @@ _log = logging.getLogger("fuseline")
 
 @dataclass(frozen=True)
 class Identity:
-    """A certificate and its private key."""
+    """Holds a certificate and its private key."""
 
     #: The certificate and the chain from it to the CA, PEM.
     certificate: bytes
@@ -59,7 +59,7 @@ class Identity:
 
 
 class Token:
-    """A bearer token that can be replaced while connections or a server use it.
+    """Holds a bearer token that can be replaced while connections or a server use it.
 
     Raises:
         ConfigError: if it is not visible ASCII characters, at least one.
@@ -69,7 +69,7 @@ class Token:
         self.replace(token)
 
     def replace(self, token: str) -> None:
-        """Replace it, for calls from now on."""
+        """Replaces the token, for calls from now on."""
         if not token or not all("!" <= it <= "~" for it in token):
             raise ConfigError("a token must be visible ASCII characters, at least one")
         self._header = f"Bearer {token}"
@@ -78,7 +78,7 @@ class Token:
         return "Token(…)"
 
     def _is_shown(self, metadata: Any) -> bool | None:
-        """Whether a call shows this token; None if it shows none."""
+        """Tells whether a call shows this token; None if it shows none."""
         for key, value in metadata or ():
             if key == "authorization":
                 shown = value if isinstance(value, bytes) else value.encode()
@@ -88,7 +88,7 @@ class Token:
 
 
 class Remote:
-    """Where a cloud is, and the connection to it.
+    """Calls a cloud over gRPC, and keeps the connection to it.
 
     It connects when it is first used, and again after it was lost. If it cannot connect, or the
     connection breaks, calls fail at once (F4).
@@ -152,7 +152,7 @@ class Remote:
         await self.close()
 
     async def infer(self, payload: bytes, call: Call) -> bytes:
-        """Have a message computed: the handle for `Operator.use_cloud`.
+        """Has a message computed: the handle for `Operator.use_cloud`.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -160,7 +160,7 @@ class Remote:
         return (await self.infer_stamped(payload, call)).value
 
     async def infer_stamped(self, payload: bytes, call: Call) -> StampedValue[bytes]:
-        """The same with what the reply says of which message it is, for the response handler.
+        """Does the same, and returns a `StampedValue` if the reply says of which message it is.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -182,7 +182,7 @@ class Remote:
         return StampedValue(bytes(reply.payload), reply.of if reply.HasField("of") else None)
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
-        """What the cloud serves; None if it does not say.
+        """Returns what the cloud serves, or None if it does not say.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the seconds pass.
@@ -203,7 +203,7 @@ class Remote:
         )
 
     async def close(self) -> None:
-        """End the connection."""
+        """Ends the connection."""
         channel, self._channel = self._channel, None
         if channel is not None:
             await channel.close()
@@ -246,7 +246,7 @@ class Remote:
 
 
 class Server:
-    """The cloud's side: serves ``fuseline.v1.Infer``.
+    """Serves ``fuseline.v1.Infer``: the cloud's side.
 
     Use it as a context manager, or `start` and `stop` it. When the caller gives up or its deadline
     passes, the computation is cancelled. An exception is the caller's failure, with its words.
@@ -302,7 +302,7 @@ class Server:
         return f"{'http' if self._identity is None else 'https'}://{self.address}"
 
     async def start(self) -> None:
-        """Listen.
+        """Listens for calls.
 
         Raises:
             OSError: if the address cannot be listened on.
@@ -342,7 +342,7 @@ class Server:
         self.address = f"{self._wanted.rpartition(':')[0]}:{port}"
 
     async def stop(self, grace: float = 0.0) -> None:
-        """End: no new calls; those under way get so many seconds to end."""
+        """Takes no new calls, and gives those under way so many seconds to end."""
         server, self._server = self._server, None
         if server is not None:
             await server.stop(grace)
@@ -370,7 +370,7 @@ class Server:
         return int(server.add_secure_port(self._wanted, credentials))
 
     def _is_free(self, options: Any) -> bool:
-        """Whether the address could be listened on without TLS."""
+        """Tells whether the address can be listened on without TLS."""
         try:
             return bool(grpc.aio.server(options=options).add_insecure_port(self._wanted))
         except RuntimeError:
@@ -403,7 +403,7 @@ class Server:
         return DESCRIPTION(**given)
 
     async def _admit(self, context: Any) -> None:
-        """D12: whoever does not show the token is not served."""
+        """Refuses a call that does not show the token (D12)."""
         if self._token is None:
             return
         shown = self._token._is_shown(context.invocation_metadata())
@@ -413,7 +413,7 @@ class Server:
 
 
 def _lineage(request: Any) -> tuple[Lineage | None, float | None]:
-    """What a request that came now comes from, and how many seconds old it says it is."""
+    """Returns a request's lineage, and how many seconds old it says it is."""
     if not request.HasField("lineage"):
         return None, None
     sent = request.lineage
@@ -440,7 +440,7 @@ def _port(parts: Any) -> int | None:
 
 
 def _plain(error: Any) -> str:
-    """Why a call failed, in a few plain words."""
+    """Says in a few plain words why a call failed."""
     details = " ".join((error.details() or "").split())
     if "onnection refused" in details:
         return "connection refused"

@@ -54,7 +54,7 @@ Res = TypeVar("Res")
 
 
 class Drive:
-    """The round trips of one recorded drive, by the moment of sending; it starts again at its end.
+    """Gives the round trips of one recorded drive, by the moment of sending; it repeats at its end.
 
     Args:
         name: A built-in one, or a CSV file as ``fuseline run --help`` has it, each with
@@ -80,23 +80,23 @@ class Drive:
 
     @property
     def name(self) -> str:
-        """The drive's name, the network included."""
+        """Returns the drive's name, the network included."""
         return self._drive.name
 
     @property
     def length(self) -> float:
-        """The seconds until it starts again."""
+        """Returns the seconds until it starts again."""
         return self._drive.length / 1e9
 
     @cached_property
     def samples(self) -> list[tuple[float, float | None]]:
-        """From when on which round trip holds, in seconds; None while there is no network."""
+        """Returns when each round trip begins to hold, in seconds; None means no network."""
         return [
             (at / 1e9, None if trip is None else trip / 1e9) for at, trip in self._drive.samples()
         ]
 
     def round_trip(self, at: Duration) -> float | None:
-        """The seconds until what is sent so long after the drive's begin is back; None if never.
+        """Returns the seconds until what is sent ``at`` is back; None if it never is.
 
         While the network was unavailable a message waits until it is there again.
         """
@@ -105,7 +105,7 @@ class Drive:
 
 
 class RecordedNetwork:
-    """A network between an operator and a cloud, or several.
+    """Emulates a network between an operator and a cloud, or several.
 
     A call takes the round trip of the moment at which it is made: half of it on the way there, half
     on the way back. One that is never back waits until it is cancelled. The network's time is the
@@ -127,12 +127,12 @@ class RecordedNetwork:
         self._begun: float | None = None
 
     def begin(self) -> None:
-        """Begin its time now, if it has not begun."""
+        """Begins its time now, if it has not begun."""
         if self._begun is None:
             self._begun = asyncio.get_running_loop().time()
 
     def round_trip(self) -> float | None:
-        """The seconds until what is sent now is back; None if never."""
+        """Returns the seconds until what is sent now is back; None if it never is."""
         self.begin()
         assert self._begun is not None
         return self.drive.round_trip(self._start + asyncio.get_running_loop().time() - self._begun)
@@ -140,7 +140,7 @@ class RecordedNetwork:
     def handle(
         self, handle: Callable[[Req, Call], Awaitable[Res]]
     ) -> Callable[[Req, Call], Awaitable[Res]]:
-        """A handle behind this network. The time on the way there is taken from its deadline."""
+        """Returns a handle behind this network. The time on the way is taken from its deadline."""
 
         async def delayed(request: Req, call: Call) -> Res:
             trip = self.round_trip()
@@ -162,7 +162,7 @@ class RecordedNetwork:
 
 
 class Quantile(NamedTuple):
-    """A response time that so many messages do not exceed."""
+    """Holds a response time that a share of the messages does not exceed."""
 
     #: Infinite if too many have no output.
     seconds: float
@@ -172,7 +172,7 @@ class Quantile(NamedTuple):
 
 @dataclass(frozen=True)
 class PolicyScore:
-    """What a policy makes of messages; figures are from least to most where some are not known."""
+    """Scores a policy; figures are from least to most where some are not known."""
 
     #: ``local only``, ``cloud only: NAME``, ``first response wins``, ``progressive``; of a trace
     #: also ``fusion``, what its operator did.
@@ -189,7 +189,7 @@ class PolicyScore:
 
 @dataclass(frozen=True)
 class Responses:
-    """What one source gave for each message."""
+    """Holds what one source gave for each message."""
 
     #: The seconds until its result came, or None if none came, in the order of the messages.
     seconds: Sequence[Duration | None]
@@ -206,7 +206,7 @@ def compare(
     accuracies: Mapping[str, float] | None = None,
     name: str | None = None,
 ) -> list[PolicyScore]:
-    """Score what the operator of a trace did, and what rival policies had made of its arrivals.
+    """Scores the operator of a trace, and rival policies over the same arrivals.
 
     What is not known, since a call was ended before its result, gives bounds; let calls linger.
 
@@ -226,7 +226,7 @@ def compare(
 
 
 def compare_responses(sources: Mapping[str, Responses], *, deadline: Duration) -> list[PolicyScore]:
-    """Score rival policies over responses that were measured or made up.
+    """Scores rival policies over responses that were measured or made up.
 
     Args:
         sources: What each source gave, by its name: one of priority 0, which is local, and clouds.

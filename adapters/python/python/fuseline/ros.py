@@ -34,7 +34,7 @@ class Subscriber(Protocol):
     """What `message_filters.Subscriber` is here."""
 
     def registerCallback(self, callback: Callable[..., Any], *arguments: Any) -> Any:  # noqa: N802
-        """Have this called with each message."""
+        """Calls a function with each message."""
 
 
 class TimeSynchronizer:
@@ -82,12 +82,12 @@ class TimeSynchronizer:
             subscriber.registerCallback(partial(self._add, index))
 
     def registerCallback(self, callback: Callable[[Joined], Any]) -> None:  # noqa: N802
-        """Have this called with each set."""
+        """Calls a function with each set."""
         check_function(callback, "a callback")
         self._callbacks.append(callback)
 
     def on_drop(self, on_drop: Callable[[JoinDrop], Any]) -> None:
-        """Have this called with each message that is dropped: late, twice or without a key."""
+        """Calls a function with each message that is dropped: late, twice or without a key."""
         check_function(on_drop, "what is called on drops")
         self._on_drop = on_drop
 
@@ -135,7 +135,7 @@ class TimeSynchronizer:
 
 
 def stamp_of(message: Any) -> int:
-    """The nanoseconds of a message's stamp."""
+    """Returns the nanoseconds of a message's stamp."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 

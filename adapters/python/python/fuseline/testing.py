@@ -49,7 +49,7 @@ class _OrderedTimer(asyncio.TimerHandle):
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An asyncio loop in virtual time. Close it as any other; `run` does so.
+    """Runs asyncio in virtual time. Close it as any other loop; `run` does so.
 
     Timers of one instant go off in the order in which they were set.
 
@@ -65,17 +65,17 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         super().__init__(self._jumping)
 
     def time(self) -> float:
-        """The loop's clock, in seconds."""
+        """Returns the loop's time, in seconds."""
         return self._start + self._jumping.jumped
 
     def time_ns(self) -> int:
-        """The same in whole nanoseconds: the ``clock`` of an `fuseline.Operator`."""
+        """Returns the same in whole nanoseconds: the ``clock`` of a `fuseline.Operator`."""
         return round(self.time() * 1e9)
 
     def call_at(  # type: ignore[override]
         self, when: float, callback: Callable[..., Any], *args: Any, context: Any = None
     ) -> asyncio.TimerHandle:
-        """Call something at an instant of `time`."""
+        """Calls something at an instant of `time`."""
         self._check_closed()  # type: ignore[attr-defined]
         timer = _OrderedTimer(when, callback, args, self, context)
         timer.number = next(self._timers)
@@ -84,12 +84,12 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return timer
 
     def block(self, seconds: float) -> None:
-        """Let time go by as code does that blocks the loop: nothing else runs meanwhile."""
+        """Lets time go by as code does that blocks the loop: nothing else runs meanwhile."""
         self._jumping.jumped += seconds
 
 
 def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
-    """Run a coroutine in virtual time, as `asyncio.run` does in real time.
+    """Runs a coroutine in virtual time, as `asyncio.run` does in real time.
 
     Tasks that it leaves are cancelled.
 

@@ -1,4 +1,4 @@
-r"""Judging fleets: one function from a trace's path to rows of a table, for any engine.
+r"""Judges fleets: one function from a trace's path to rows of a table, for any engine.
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
@@ -44,7 +44,7 @@ Path_: TypeAlias = str | os.PathLike[str]
 
 
 class Output(NamedTuple):
-    """How many messages one source answered so fast."""
+    """Counts the messages that one source answered within one range of times."""
 
     #: The source's priority; 0 is local.
     p: int
@@ -58,7 +58,7 @@ class Output(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A row of the table: a trace's own, or one of its violations; what it lacks is None."""
+    """Holds a row of the table: a trace's own, or one of its violations."""
 
     #: The trace's path, as it was given.
     file: str
@@ -116,7 +116,7 @@ def judge(
     open: Callable[[str], BinaryIO] | None = None,  # noqa: A002
     accept: Sequence[DoubtKind] = (),
 ) -> list[Row]:
-    """Judge one trace as it is read, in bounded memory, whatever its length.
+    """Judges one trace as it is read, in bounded memory, whatever its length.
 
     Gzip, zstd and MCAP are unpacked on the way. It never raises for a trace: one that cannot be
     read is a row that says why.
@@ -172,7 +172,7 @@ def judge(
 
 
 def judge_all(paths: Iterable[Path_], **how: Any) -> pa.Table:
-    """Judge traces one after the other; the table of their rows has the columns of `schema`.
+    """Judges traces one after the other, and returns their rows as a table with `schema`.
 
     Args:
         paths: The traces' paths.
@@ -187,7 +187,7 @@ def judge_all(paths: Iterable[Path_], **how: Any) -> pa.Table:
 
 
 def schema() -> pa.Schema:
-    """The columns of the table, for pyarrow: those of `Row`.
+    """Returns the columns of the table, for pyarrow: those of `Row`.
 
     Raises:
         ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
@@ -198,7 +198,7 @@ def schema() -> pa.Schema:
 
 
 def report(rows: Path_, page: Path_, *, title: str = "Fleet") -> None:
-    """Make a page of the rows that are kept in Parquet, for a browser; it needs no network.
+    """Makes a page of the rows that are kept in Parquet, for a browser; it needs no network.
 
     Args:
         rows: A Parquet file, a folder of them, or a pattern such as ``verdicts/*.parquet``.
@@ -223,14 +223,14 @@ def check_how(
     open: Callable[[str], BinaryIO] | None = None,  # noqa: A002, ARG001
     accept: Sequence[DoubtKind] = (),
 ) -> None:
-    """Raise what `judge` would raise for these arguments, before a job begins."""
+    """Raises what `judge` would raise for these arguments, before a job begins."""
     _manner(tolerance, lateness)
     check_kinds(accept)
 
 
 @lru_cache(maxsize=1)
 def digest() -> str:
-    """The digest of this judge: SHA-256 of the compiled extension."""
+    """Returns the digest of this judge: SHA-256 of the compiled extension."""
     return hashlib.sha256(Path(_fuseline.__file__).read_bytes()).hexdigest()
 
 
@@ -249,7 +249,7 @@ def _drive(file: str) -> str:
 
 
 def _reason(error: Exception, file: str) -> str:
-    """An error in a line that begins with the file."""
+    """Returns an error as a line that begins with the file."""
     if isinstance(error, ReadError):
         return str(error)
     words = getattr(error, "strerror", None) or str(error) or type(error).__name__

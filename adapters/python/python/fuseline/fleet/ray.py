@@ -23,7 +23,7 @@ def judge(
     remote: dict[str, Any] | None = None,
     **how: Any,
 ) -> Dataset:
-    """The rows of all traces, lazily: write them with ``write_parquet``, or take them.
+    """Returns the rows of all traces, lazily: write them with ``write_parquet``, or take them.
 
     A task that dies with its worker runs again from its first trace; what it had judged by then was
     not in the table yet.

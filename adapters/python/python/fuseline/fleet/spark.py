@@ -34,7 +34,7 @@ def judge(
     files_per_task: int = 16,
     **how: Any,
 ) -> DataFrame:
-    """The rows of all traces, lazily: write them with ``write.parquet``, or collect them.
+    """Returns the rows of all traces, lazily: write them with ``write.parquet``, or collect.
 
     Args:
         spark: The session.
