@@ -1,5 +1,7 @@
-//! The cells that hold the counts. The engine writes them, and anyone may read them (D11).
+//! The counts of an operator. The engine writes them, anyone may read them, and each goes to a meter of the `metrics`
+//! facade too (D11).
 
+use std::array;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,17 +9,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
+use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 use tracing::error;
 
-use crate::event::CountedEvent;
 use crate::item::{Source, Trigger};
 use crate::lag::Lag;
 use crate::lock::lock;
-use crate::meter::{Meters, SourceMeters};
 use crate::reasons::Reasons;
 use crate::tally::{CurrentDeadline, SourceTally, Tally};
 
-/// The cells of the tally and the meters of one operator, counted together.
+/// The counts and meters of one operator.
 ///
 /// Each count is a word of its own, so a tally that is read during an input may show one of its counts and
 /// not the next. Data that seldom changes and is not a number is behind a lock.
@@ -26,38 +27,67 @@ use crate::tally::{CurrentDeadline, SourceTally, Tally};
 pub(crate) struct Counts {
     sources: Vec<SourceCounts>,
     pub(crate) lag: Lag,
-    messages: AtomicU64,
-    pub(crate) meters: Meters,
-    refused: [AtomicU64; OpenRefusal::ALL.len()],
-    missed: AtomicU64,
-    handler_failures: AtomicU64,
+    messages: Count,
+    /// How many messages are open.
+    pub(crate) open: Gauge,
+    refused: [Count; OpenRefusal::ALL.len()],
+    missed: Count,
+    handler_failures: Count,
+    /// The delays of timers.
+    timer_lag: Histogram,
     unrecorded: Mutex<Option<Arc<str>>>,
 }
 
-/// One source's cells. Those that most messages count come first, in few cache lines: with thousands of
-/// operators, none of them is in the cache.
+/// The counts and meters of one source. Those that most messages count come first, in few cache lines: with
+/// thousands of operators, none of them is in the cache.
 #[repr(C, align(64))]
-struct SourceCounts {
-    admitted: AtomicU64,
-    held: AtomicU64,
-    outputs: [AtomicU64; Trigger::ALL.len()],
-    preliminary: AtomicU64,
-    cancelled: AtomicU64,
-    sent_bytes: AtomicU64,
-    meters: SourceMeters,
+pub(crate) struct SourceCounts {
+    /// Indexed by [`CountedEvent::index`].
+    events: [Count; CountedEvent::LEN],
+    /// The time from the request's admission to its result.
+    pub(crate) response: Histogram,
+    pub(crate) calls: Gauge,
+    pub(crate) backlog: Gauge,
+    /// The time from accepting the message to the output; under progressive, to each output.
+    pub(crate) output: Histogram,
+    deadlines: [Counter; CurrentDeadline::WHYS.len()],
+    /// The deadline of the latest offer.
+    deadline: Gauge,
     source: Source,
-    refused: [AtomicU64; OfferRefusal::ALL.len()],
-    finals: AtomicU64,
-    dropped: [AtomicU64; DropReason::ALL.len()],
-    failed: AtomicU64,
     reasons: Mutex<Reasons>,
-    lost: AtomicU64,
-    handler_failures: AtomicU64,
-    policy_failures: AtomicU64,
-    held_up: AtomicU64,
-    failures_dropped: [AtomicU64; DropReason::ALL.len()],
-    timers: AtomicU64,
     in_force: Mutex<Option<CurrentDeadline>>,
+}
+
+/// One count: the tally's cell, and the meter.
+struct Count(AtomicU64, Counter);
+
+/// An event that is counted for one source.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum CountedEvent {
+    Admitted,
+    Held,
+    Output(Trigger),
+    /// A result was forwarded when it came; `Output` counts its message.
+    Forwarded,
+    /// A result was forwarded when it came, and better ones may follow.
+    Preliminary,
+    Cancelled,
+    Sent {
+        bytes: u64,
+    },
+    Timer,
+    /// A message ended without a better result than the one sent before.
+    Final,
+    Failed,
+    Lost,
+    /// A message handler failed.
+    HandlerFailed,
+    PolicyFailed,
+    /// A handler blocked the thread that it ran on.
+    HeldUp,
+    Refused(OfferRefusal),
+    Dropped(DropReason),
+    FailureDropped(DropReason),
 }
 
 /// The counts of a running operator, which may be read from anywhere.
@@ -65,25 +95,31 @@ struct SourceCounts {
 pub struct Counting(Arc<Counts>);
 
 impl Counts {
+    /// Registers with the recorder that is installed now. Without one, metering costs next to nothing.
     pub(crate) fn new(operator: &str, sources: &[Source], lag_warning: Duration) -> Self {
+        let name = || operator.to_owned();
+        let refused = |why: OpenRefusal| counter!("fuseline_refused_messages_total", "operator" => name(), "why" => why.as_str());
+        let handler_failures = counter!("fuseline_handler_failures_total",
+            "operator" => name(), "source" => "operator", "handler" => "message");
         Self {
-            messages: AtomicU64::new(0),
-            refused: Default::default(),
-            missed: AtomicU64::new(0),
-            handler_failures: AtomicU64::new(0),
+            messages: Count::new(counter!("fuseline_messages_total", "operator" => name())),
+            refused: OpenRefusal::ALL.map(|why| Count::new(refused(why))),
+            missed: Count::new(counter!("fuseline_missed_messages_total", "operator" => name())),
+            handler_failures: Count::new(handler_failures),
+            timer_lag: histogram!("fuseline_timer_lag_seconds", "operator" => name()),
+            open: gauge!("fuseline_open_messages", "operator" => name()),
             lag: Lag::new(operator, lag_warning),
             sources: sources.iter().map(|source| SourceCounts::new(operator, source)).collect(),
             unrecorded: Mutex::new(None),
-            meters: Meters::new(operator),
         }
     }
 
     pub(crate) fn tally(&self) -> Tally {
         Tally {
-            messages: read(&self.messages),
-            refused: by_reason(OpenRefusal::ALL, &self.refused),
-            missed: read(&self.missed),
-            handler_failures: read(&self.handler_failures),
+            messages: self.messages.read(),
+            refused: by_reason(OpenRefusal::ALL, |why| self.refused[why.index()].read()),
+            missed: self.missed.read(),
+            handler_failures: self.handler_failures.read(),
             late_timers: self.lag.late_timers(),
             greatest_lag: self.lag.greatest(),
             sources: self.sources.iter().map(SourceCounts::tally).collect(),
@@ -92,37 +128,21 @@ impl Counts {
     }
 
     pub(crate) fn message(&self) {
-        add(&self.messages, 1);
-        self.meters.messages.increment(1);
+        self.messages.add(1);
     }
 
     pub(crate) fn refused(&self, why: OpenRefusal) {
-        add_at(&self.refused, why.index());
-        self.meters.refused(why);
+        self.refused[why.index()].add(1);
     }
 
     pub(crate) fn missed(&self) {
-        add(&self.missed, 1);
-        self.meters.missed.increment(1);
-    }
-
-    /// Counts a failure of one of the operator's own handlers.
-    fn handler_failed(&self) {
-        add_shared(&self.handler_failures, 1);
-        self.meters.handler_failures.increment(1);
+        self.missed.add(1);
     }
 
     /// Notes the delay of a timer.
     pub(crate) fn timer_lag(&self, lag: Duration) {
-        self.meters.timer_lag.record(lag);
+        self.timer_lag.record(lag);
         self.lag.timer(lag);
-    }
-
-    /// Counts the bytes that a call to cloud `p` sent.
-    pub(crate) fn sent(&self, p: u16, bytes: u64) {
-        if let Some(at) = self.index(p) {
-            self.source(at, CountedEvent::Sent { bytes });
-        }
     }
 
     fn index(&self, p: u16) -> Option<usize> {
@@ -141,7 +161,7 @@ impl Counts {
     pub(crate) fn in_force(&self, index: usize, in_force: CurrentDeadline) {
         if let Some(counts) = self.sources.get(index) {
             *lock(&counts.in_force) = Some(in_force);
-            counts.meters.deadline.set(in_force.deadline.as_secs_f64());
+            counts.deadline.set(in_force.deadline.as_secs_f64());
         }
     }
 
@@ -155,13 +175,12 @@ impl Counts {
     pub(crate) fn source(&self, index: usize, event: CountedEvent) {
         if let Some(counts) = self.sources.get(index) {
             counts.count(event);
-            counts.meters.count(event);
         }
     }
 
     /// Returns the meters of the source at `index`.
-    pub(crate) fn meters(&self, index: usize) -> Option<&SourceMeters> {
-        self.sources.get(index).map(|counts| &counts.meters)
+    pub(crate) fn meters(&self, index: usize) -> Option<&SourceCounts> {
+        self.sources.get(index)
     }
 }
 
@@ -187,7 +206,7 @@ impl Counting {
     pub fn handler_failed(&self, p: Option<u16>) {
         match p.and_then(|p| self.0.index(p)) {
             Some(index) => self.0.source(index, CountedEvent::HandlerFailed),
-            None => self.0.handler_failed(),
+            None => self.0.handler_failures.add_shared(1),
         }
     }
 
@@ -203,9 +222,9 @@ impl Counting {
             self.0.source(index, CountedEvent::HeldUp);
         }
         let counts = source.and_then(|index| self.0.sources.get(index));
-        self.0
-            .lag
-            .held_up(lasted, counts.map(|counts| (&*counts.source.name, read(&counts.held_up))));
+        let held_up =
+            counts.map(|counts| (&*counts.source.name, counts.read(CountedEvent::HeldUp)));
+        self.0.lag.held_up(lasted, held_up);
     }
 
     /// Returns how long a handler may run without a pause before it is counted and logged.
@@ -216,105 +235,191 @@ impl Counting {
 
     /// Counts bytes that a call to cloud `p` sends. Does nothing if there is no such cloud.
     pub fn sent(&self, p: u16, bytes: u64) {
-        self.0.sent(p, bytes);
+        if let Some(index) = self.0.index(p) {
+            self.0.source(index, CountedEvent::Sent { bytes });
+        }
     }
 }
 
 impl SourceCounts {
     fn new(operator: &str, source: &Source) -> Self {
+        let name = source.name.as_ref().to_owned();
+        let labels = [("operator", operator.to_owned()), ("source", name)];
+        let [of_operator, of_source] = &labels;
+        let labelled = |name: &'static str, (key, value): (&'static str, &'static str)| {
+            counter!(name, &[of_operator.clone(), of_source.clone(), (key, value.to_owned())])
+        };
+        let mut events = CountedEvent::all().map(|event| match event.meter() {
+            (name, Some(label)) => Count::new(labelled(name, label)),
+            (name, None) => Count::new(counter!(name, &labels)),
+        });
         Self {
-            admitted: AtomicU64::new(0),
-            held: AtomicU64::new(0),
-            outputs: Default::default(),
-            preliminary: AtomicU64::new(0),
-            cancelled: AtomicU64::new(0),
-            sent_bytes: AtomicU64::new(0),
-            meters: SourceMeters::new(operator, source),
+            events: array::from_fn(|_| events.next().expect("as many as there are")),
+            response: histogram!("fuseline_response_seconds", &labels),
+            output: histogram!("fuseline_output_seconds", &labels),
+            backlog: gauge!("fuseline_backlog", &labels),
+            calls: gauge!("fuseline_calls", &labels),
+            deadline: gauge!("fuseline_deadline_seconds", &labels),
+            deadlines: CurrentDeadline::WHYS
+                .map(|why| labelled("fuseline_deadlines_total", ("why", why))),
             source: source.clone(),
-            refused: Default::default(),
-            finals: AtomicU64::new(0),
-            dropped: Default::default(),
-            failed: AtomicU64::new(0),
             reasons: Mutex::default(),
-            lost: AtomicU64::new(0),
-            handler_failures: AtomicU64::new(0),
-            policy_failures: AtomicU64::new(0),
-            held_up: AtomicU64::new(0),
-            failures_dropped: Default::default(),
-            timers: AtomicU64::new(0),
             in_force: Mutex::new(None),
         }
     }
 
+    /// Counts a deadline that was chosen.
+    pub(crate) fn chosen(&self, chosen: &CurrentDeadline) {
+        self.deadlines[chosen.index()].increment(1);
+    }
+
     fn count(&self, event: CountedEvent) {
+        let count = &self.events[event.index()];
         match event {
-            CountedEvent::Admitted => add(&self.admitted, 1),
-            CountedEvent::Refused(why) => add_at(&self.refused, why.index()),
-            CountedEvent::Output(trigger) => add_at(&self.outputs, trigger as usize),
-            CountedEvent::Final => add(&self.finals, 1),
-            CountedEvent::Forwarded => {}
-            CountedEvent::Preliminary => add(&self.preliminary, 1),
-            CountedEvent::Held => add(&self.held, 1),
-            CountedEvent::Dropped(why) => add_at(&self.dropped, why.index()),
-            CountedEvent::Failed => add(&self.failed, 1),
-            CountedEvent::Lost => add(&self.lost, 1),
-            CountedEvent::HandlerFailed => add_shared(&self.handler_failures, 1),
-            CountedEvent::PolicyFailed => add(&self.policy_failures, 1),
-            CountedEvent::HeldUp => add_shared(&self.held_up, 1),
-            CountedEvent::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
-            CountedEvent::Timer => add(&self.timers, 1),
-            CountedEvent::Cancelled => add(&self.cancelled, 1),
-            CountedEvent::Sent { bytes } => add_shared(&self.sent_bytes, bytes),
+            CountedEvent::Sent { bytes } => count.add_shared(bytes),
+            CountedEvent::HandlerFailed | CountedEvent::HeldUp => count.add_shared(1),
+            _ => count.add(1),
         }
     }
 
+    fn read(&self, event: CountedEvent) -> u64 {
+        self.events[event.index()].read()
+    }
+
     fn tally(&self) -> SourceTally {
+        use CountedEvent as Event;
         SourceTally {
             source: self.source.clone(),
-            admitted: read(&self.admitted),
-            refused: by_reason(OfferRefusal::ALL, &self.refused),
-            outputs: by_reason(Trigger::ALL, &self.outputs),
-            finals: read(&self.finals),
-            preliminary: read(&self.preliminary),
-            held: read(&self.held),
-            dropped: by_reason(DropReason::ALL, &self.dropped),
-            failed: read(&self.failed),
+            admitted: self.read(Event::Admitted),
+            refused: by_reason(OfferRefusal::ALL, |why| self.read(Event::Refused(why))),
+            outputs: by_reason(Trigger::ALL, |trigger| self.read(Event::Output(trigger))),
+            finals: self.read(Event::Final),
+            preliminary: self.read(Event::Preliminary),
+            held: self.read(Event::Held),
+            dropped: by_reason(DropReason::ALL, |why| self.read(Event::Dropped(why))),
+            failed: self.read(Event::Failed),
             reasons: lock(&self.reasons).clone(),
-            lost: read(&self.lost),
-            handler_failures: read(&self.handler_failures),
-            policy_failures: read(&self.policy_failures),
-            held_up: read(&self.held_up),
-            failures_dropped: by_reason(DropReason::ALL, &self.failures_dropped),
-            timers: read(&self.timers),
-            cancelled: read(&self.cancelled),
-            sent_bytes: read(&self.sent_bytes),
+            lost: self.read(Event::Lost),
+            handler_failures: self.read(Event::HandlerFailed),
+            policy_failures: self.read(Event::PolicyFailed),
+            held_up: self.read(Event::HeldUp),
+            failures_dropped: by_reason(DropReason::ALL, |why| {
+                self.read(Event::FailureDropped(why))
+            }),
+            timers: self.read(Event::Timer),
+            cancelled: self.read(Event::Cancelled),
+            sent_bytes: self.read(Event::Sent { bytes: 0 }),
             in_force: *lock(&self.in_force),
         }
     }
 }
 
-/// Adds to a count that only the engine changes, one input after the other, so no other addition can
-/// interfere.
-fn add(cell: &AtomicU64, count: u64) {
-    cell.store(read(cell).wrapping_add(count), Ordering::Relaxed);
-}
+impl CountedEvent {
+    const REFUSED: usize = 13 + Trigger::ALL.len();
+    const DROPPED: usize = Self::REFUSED + OfferRefusal::ALL.len();
+    const FAILURE_DROPPED: usize = Self::DROPPED + DropReason::ALL.len();
+    const LEN: usize = Self::FAILURE_DROPPED + DropReason::ALL.len();
 
-/// Adds to a count that calls and handlers change in any thread.
-fn add_shared(cell: &AtomicU64, count: u64) {
-    cell.fetch_add(count, Ordering::Relaxed);
-}
+    /// Returns all events in the order of their indices.
+    fn all() -> impl Iterator<Item = Self> {
+        [Self::Admitted, Self::Held]
+            .into_iter()
+            .chain(Trigger::ALL.map(Self::Output))
+            .chain([Self::Forwarded, Self::Preliminary, Self::Cancelled, Self::Sent { bytes: 0 }])
+            .chain([Self::Timer, Self::Final, Self::Failed, Self::Lost, Self::HandlerFailed])
+            .chain([Self::PolicyFailed, Self::HeldUp])
+            .chain(OfferRefusal::ALL.map(Self::Refused))
+            .chain(DropReason::ALL.map(Self::Dropped))
+            .chain(DropReason::ALL.map(Self::FailureDropped))
+    }
 
-fn add_at(cells: &[AtomicU64], index: usize) {
-    if let Some(cell) = cells.get(index) {
-        add(cell, 1);
+    const fn index(self) -> usize {
+        match self {
+            Self::Admitted => 0,
+            Self::Held => 1,
+            Self::Output(trigger) => 2 + trigger as usize,
+            Self::Forwarded => 5,
+            Self::Preliminary => 6,
+            Self::Cancelled => 7,
+            Self::Sent { .. } => 8,
+            Self::Timer => 9,
+            Self::Final => 10,
+            Self::Failed => 11,
+            Self::Lost => 12,
+            Self::HandlerFailed => 13,
+            Self::PolicyFailed => 14,
+            Self::HeldUp => 15,
+            Self::Refused(why) => Self::REFUSED + why.index(),
+            Self::Dropped(why) => Self::DROPPED + why.index(),
+            Self::FailureDropped(why) => Self::FAILURE_DROPPED + why.index(),
+        }
+    }
+
+    /// Returns the name of the event's meter, and its label beside those of operator and source.
+    const fn meter(self) -> (&'static str, Option<(&'static str, &'static str)>) {
+        match self {
+            Self::Admitted => ("fuseline_requests_total", Some(("outcome", "admitted"))),
+            Self::Refused(why) => ("fuseline_requests_total", Some(("outcome", why.as_str()))),
+            Self::Held => ("fuseline_results_total", Some(("outcome", "held"))),
+            Self::Forwarded => ("fuseline_results_total", Some(("outcome", "forwarded"))),
+            Self::Preliminary => ("fuseline_results_total", Some(("outcome", "preliminary"))),
+            Self::Dropped(why) => ("fuseline_results_total", Some(("outcome", why.as_str()))),
+            Self::Output(by) => ("fuseline_outputs_total", Some(("outcome", by.as_str()))),
+            Self::Final => ("fuseline_outputs_total", Some(("outcome", "final"))),
+            Self::Failed => ("fuseline_failures_total", Some(("outcome", "accepted"))),
+            Self::FailureDropped(why) => {
+                ("fuseline_failures_total", Some(("outcome", why.as_str())))
+            }
+            Self::HandlerFailed => {
+                ("fuseline_handler_failures_total", Some(("handler", "message")))
+            }
+            Self::PolicyFailed => ("fuseline_handler_failures_total", Some(("handler", "policy"))),
+            Self::Cancelled => ("fuseline_cancelled_total", None),
+            Self::Sent { .. } => ("fuseline_sent_bytes_total", None),
+            Self::Timer => ("fuseline_timers_total", None),
+            Self::Lost => ("fuseline_lost_total", None),
+            Self::HeldUp => ("fuseline_held_up_total", None),
+        }
     }
 }
 
-fn read(cell: &AtomicU64) -> u64 {
-    cell.load(Ordering::Relaxed)
+impl Count {
+    const fn new(counter: Counter) -> Self {
+        Self(AtomicU64::new(0), counter)
+    }
+
+    /// Adds to a count that only the engine changes, one input after the other, so no other addition can
+    /// interfere.
+    fn add(&self, count: u64) {
+        self.0.store(self.read().wrapping_add(count), Ordering::Relaxed);
+        self.1.increment(count);
+    }
+
+    /// Adds to a count that calls and handlers change in any thread.
+    fn add_shared(&self, count: u64) {
+        self.0.fetch_add(count, Ordering::Relaxed);
+        self.1.increment(count);
+    }
+
+    fn read(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
 }
 
 /// Returns the counts that are not zero.
-fn by_reason<K: Ord, const N: usize>(all: [K; N], cells: &[AtomicU64; N]) -> BTreeMap<K, u64> {
-    all.into_iter().zip(cells.iter().map(read)).filter(|(_, count)| *count > 0).collect()
+fn by_reason<K: Ord + Copy, const N: usize>(
+    all: [K; N],
+    read: impl Fn(K) -> u64,
+) -> BTreeMap<K, u64> {
+    all.into_iter().map(|why| (why, read(why))).filter(|(_, count)| *count > 0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_are_in_the_order_of_their_indices() {
+        assert!(CountedEvent::all().map(CountedEvent::index).eq(0..CountedEvent::LEN));
+    }
 }

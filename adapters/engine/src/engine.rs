@@ -17,11 +17,10 @@ use fuseline_traces::{Annotations, Input, nanos};
 
 use crate::budget::Budget;
 use crate::config::{EngineConfig, EngineConfigError};
-use crate::counts::{Counting, Counts};
+use crate::counts::{CountedEvent, Counting, Counts};
 use crate::eager_notice::EagerNotice;
 use crate::effect::{Effect, Local, Offer, Overflow};
 use crate::effect_queue::EffectQueue;
-use crate::event::CountedEvent;
 use crate::greatest_deadline::GreatestDeadline;
 use crate::item::Source;
 use crate::latency::{Latency, Reserve};

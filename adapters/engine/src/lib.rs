@@ -8,7 +8,6 @@ mod eager_notice;
 mod effect;
 mod effect_queue;
 mod engine;
-mod event;
 mod greatest_deadline;
 mod item;
 mod lag;
@@ -17,7 +16,6 @@ mod lineage;
 mod lock;
 #[cfg(feature = "mcap")]
 mod mcap;
-mod meter;
 mod open_message;
 mod outage;
 mod policies;

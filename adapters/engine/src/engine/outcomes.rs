@@ -13,9 +13,9 @@ use fuseline_deadline::End;
 use fuseline_traces::{Annotations, DropReason, Input, nanos};
 use tracing::{debug, error, info, warn};
 
+use crate::counts::CountedEvent;
 use crate::effect::{Effect, Hint};
 use crate::engine::Engine;
-use crate::event::CountedEvent;
 use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
 use crate::lineage::{Lineage, StampedValue};
 use crate::outage::OutageLine;
@@ -434,7 +434,7 @@ impl<V, R> Engine<V, R> {
         }
         if self.open_messages.len() != self.shown_open {
             self.shown_open = self.open_messages.len();
-            self.counts.meters.open.set(count(self.shown_open));
+            self.counts.open.set(count(self.shown_open));
         }
     }
 
