@@ -273,7 +273,10 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
         drop(streams);
         finish(engine).await
     };
-    let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
+    let span = info_span!("operator", name = config.name);
+    // A span that nobody listens to would be entered at each wake.
+    let task =
+        if span.is_disabled() { runtime.spawn(task) } else { runtime.spawn(task.instrument(span)) };
     Ok((Running { task, stop: Mutex::new(Some(stop)), counting, sides: beside }, output))
 }
 

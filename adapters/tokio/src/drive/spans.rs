@@ -91,7 +91,10 @@ impl MessageSpans {
 
     /// It came.
     pub(super) fn complete<V>(&mut self, key: (u16, u64), result: &Result<StampedValue<V>, Error>) {
-        if let Some(mut span) = self.away.remove(&key) {
+        // Without a subscriber both maps are empty, and an empty one is not searched.
+        if !self.away.is_empty()
+            && let Some(mut span) = self.away.remove(&key)
+        {
             span.end(result);
         }
     }
@@ -103,7 +106,7 @@ impl MessageSpans {
 
     /// An item is sent.
     pub(super) fn item<V>(&mut self, item: &Item<V>) {
-        if !item.is_last() {
+        if self.open.is_empty() || !item.is_last() {
             return;
         }
         let Some(span) = self.open.remove(&item.timestamp) else { return };
