@@ -33,7 +33,6 @@ from fuseline import report as report_page
 from fuseline.fleet import judge
 from fuseline.forecast import Forecast
 from fuseline.grpc import Identity, Remote, Server, Token
-from fuseline.handlers import every_nth
 from fuseline.networks import Drive, RecordedNetwork, Responses, compare, compare_responses
 from fuseline.robot import Always, Chunk, Hold, fade
 from fuseline.ros import TimeSynchronizer
@@ -226,16 +225,6 @@ CASES_AROUND: dict[str, Arguments] = {
             for name in ("least_overlap", "weight")
         },
         {"least_overlap": [1.0, 1e-9], "weight": [1.0, 1e-9]},
-    ),
-    "every_nth": Arguments(
-        every_nth,
-        {"n": 3, "handler": plain, "turn": 2},
-        {
-            "n": [(0, ValueError, "one message in 0: n must be 1 or more")],
-            "turn": [(it, ValueError, f"turn {it}: it must be from 0 to 2") for it in (3, -1)],
-        },
-        {"turn": [0]},
-        free="handler",
     ),
     "Token": Arguments(
         Token,
