@@ -14,10 +14,10 @@ use crate::kind::{BuildSuite, KINDS, WitnessKind};
 use crate::schemata;
 use crate::table::{ENOUGH, ExpectedWitnesses};
 use crate::tree::Tree;
-use crate::work::{FaultyCopy, Programs, WitnessRun};
+use crate::work::{FaultyCopy, Programs, Trial, WitnessRun};
 
 /// A witness has this many times as long as it took without a fault.
-const PATIENCE: u32 = 10;
+const PATIENCE: u32 = 4;
 /// The least that it has.
 const LEAST: Duration = Duration::from_secs(30);
 /// The most that one case of misuse has.
@@ -67,6 +67,18 @@ pub struct CampaignFindings {
     pub held: BTreeMap<&'static str, BTreeSet<String>>,
     /// By identifier: the kinds with a witness that cites it and failed under a fault of it.
     pub(crate) shown: BTreeMap<String, BTreeSet<&'static str>>,
+    /// How often each kind ran under a fault and how often it caught one.
+    tries: BTreeMap<&'static str, (u32, u32)>,
+}
+
+/// What the witnesses of each kind did without a fault.
+type FaultlessRuns = BTreeMap<&'static str, WitnessRun>;
+
+impl Catches {
+    /// How many kinds caught it.
+    pub(crate) fn kinds(&self) -> usize {
+        self.by.values().filter(|by| !by.is_empty()).count()
+    }
 }
 
 impl Campaign<'_> {
@@ -95,10 +107,11 @@ impl Campaign<'_> {
         }
         let (programs, texts) = self.build_shared(&work, &mut apart, &tell)?;
         let mut findings = CampaignFindings::default();
-        let mut limits = BTreeMap::new();
-        for (kind, seen) in self.without_fault(&work, &programs, &tell)? {
-            limits.insert(kind.name, (seen.took * PATIENCE).max(LEAST));
-            findings.held.insert(kind.name, seen.outcomes.into_keys().collect());
+        let mut faultless = FaultlessRuns::new();
+        for (kind, mut seen) in self.without_fault(&work, &programs, &tell)? {
+            let held = std::mem::take(&mut seen.outcomes).into_keys().collect();
+            findings.held.insert(kind.name, held);
+            faultless.insert(kind.name, seen);
         }
         let chosen = self.numbered().filter(|(_, fault)| self.chosen.contains(&fault.name));
         let (alone, shared): (Vec<_>, Vec<_>) =
@@ -107,7 +120,7 @@ impl Campaign<'_> {
         let found = Mutex::new(findings);
         self.at_once(|| {
             while let Some((number, fault)) = shared.get(next.fetch_add(1, Ordering::Relaxed)) {
-                self.witness(&work, (*number, fault), &programs, &limits, &found, &tell)?;
+                self.witness(&work, (*number, fault), &programs, &faultless, &found, &tell)?;
             }
             Ok(())
         })?;
@@ -115,7 +128,11 @@ impl Campaign<'_> {
             let why = apart.remove(&number).unwrap_or_default();
             tell(&format!("{} has a build of its own: {why}", fault.name));
             let programs = self.build_apart(&work, &texts, fault)?;
-            self.witness(&work, (number, fault), &programs, &limits, &found, &tell)?;
+            // Nobody knows what comes to it.
+            for seen in faultless.values_mut() {
+                seen.reached.clear();
+            }
+            self.witness(&work, (number, fault), &programs, &faultless, &found, &tell)?;
             if let Some(caught) = lock(&found).faults.get_mut(&fault.name) {
                 caught.own_build = Some(why);
             }
@@ -136,8 +153,14 @@ impl Campaign<'_> {
         let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
         self.at_once(|| {
             while let Some(kind) = kinds.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let seen =
-                    work.run(kind, &programs[kind.suite.name], (0, "none"), None, PATIENT)?;
+                let trial = Trial {
+                    fault: (0, "none"),
+                    case: None,
+                    limit: PATIENT,
+                    stops: false,
+                    reached: None,
+                };
+                let seen = work.run(kind, &programs[kind.suite.name], trial)?;
                 let red = Vec::from_iter(seen.red());
                 if !red.is_empty() {
                     let why = format!("{} fails without a fault: {}", kind.name, red.join(", "));
@@ -151,28 +174,43 @@ impl Campaign<'_> {
         Ok(done.into_inner().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Runs the kinds that could see a fault, the short ones first, until nothing more is to be known.
+    /// Runs the kinds that could see a fault until nothing more is to be known, first those that catch most in least time.
     fn witness(
         &self,
         work: &FaultyCopy,
         (number, fault): (u32, &SeededFault),
         programs: &BTreeMap<&'static str, Programs>,
-        limits: &BTreeMap<&'static str, Duration>,
+        faultless: &FaultlessRuns,
         found: &Mutex<CampaignFindings>,
         tell: &(impl Fn(&str) + Sync),
     ) -> Result<(), FaultsError> {
         let mut kinds: Vec<&'static WitnessKind> = self.seeing(fault).collect();
-        kinds.sort_by_key(|kind| limits.get(kind.name).copied().unwrap_or_default());
+        {
+            let tries = &lock(found).tries;
+            kinds.sort_by_key(|kind| {
+                let (runs, catches) = tries.get(kind.name).copied().unwrap_or_default();
+                let took = faultless.get(kind.name).map_or(PATIENT, |it| it.took);
+                took * (runs + 1) / (catches + 1)
+            });
+        }
         for kind in kinds {
-            if self.is_enough(kind, fault, &lock(found)) {
+            let is_settled = self.is_settled(kind, fault, &lock(found));
+            let by = lock(found).faults.get(&fault.name).map_or(0, Catches::kinds);
+            if is_settled && by >= ENOUGH {
                 continue;
             }
+            let sound = faultless.get(kind.name);
             // Whatever takes longer without a fault is broken.
-            let limit = limits.get(kind.name).copied().unwrap_or(PATIENT);
+            let limit = sound.map_or(PATIENT, |sound| (sound.took * PATIENCE).max(LEAST));
             let case = fault.case.as_ref().map(|case| &*case.name);
-            let limit = if case.is_some() { limit.min(FOR_A_CASE) } else { limit };
-            let number = (number, &*fault.name);
-            let seen = work.run(kind, &programs[kind.suite.name], number, case, limit)?;
+            let trial = Trial {
+                fault: (number, &*fault.name),
+                case,
+                limit: if case.is_some() { limit.min(FOR_A_CASE) } else { limit },
+                stops: kind.stops || is_settled,
+                reached: sound.map(|sound| &sound.reached),
+            };
+            let seen = work.run(kind, &programs[kind.suite.name], trial)?;
             let cited = citation::cited(self.tree, kind, &seen.red())?;
             let mut found = lock(found);
             for id in cited.intersection(&fault.breaks) {
@@ -184,17 +222,22 @@ impl Campaign<'_> {
                 caught.out_of_time.insert(kind.name);
             }
             let (took, red) = (seen.took.as_secs_f64(), caught.by[kind.name].len());
+            let (runs, catches) = found.tries.entry(kind.name).or_default();
+            (*runs, *catches) = (*runs + 1, *catches + u32::from(red > 0));
             let ended = found.faults.len();
             tell(&format!("{ended}: {}: {} {red}, {took:.1} s", fault.name, kind.name));
         }
         Ok(())
     }
 
-    /// Whether this kind need not run under a fault: two kinds caught it, two kinds have shown each of its identifiers, and
-    /// the expected witness of this kind has failed under a fault of each.
-    fn is_enough(&self, kind: &WitnessKind, fault: &SeededFault, found: &CampaignFindings) -> bool {
-        let caught = found.faults.get(&fault.name);
-        let kinds = caught.map_or(0, |it| it.by.values().filter(|by| !by.is_empty()).count());
+    /// Whether it only matters that this kind catches a fault, and not with which witness: two kinds have shown each of its
+    /// identifiers, and the expected witness of this kind has failed under a fault of each.
+    fn is_settled(
+        &self,
+        kind: &WitnessKind,
+        fault: &SeededFault,
+        found: &CampaignFindings,
+    ) -> bool {
         let is_met = |id: &String| {
             let Some(name) = self.expected.get(id).and_then(|of| of.get(kind.name)) else {
                 return true;
@@ -207,9 +250,7 @@ impl Campaign<'_> {
         let is_shown = |id: &String| {
             id.starts_with('A') || found.shown.get(id).is_some_and(|kinds| kinds.len() >= ENOUGH)
         };
-        !self.thorough
-            && kinds >= ENOUGH
-            && fault.breaks.iter().all(|id| is_met(id) && is_shown(id))
+        !self.thorough && fault.breaks.iter().all(|id| is_met(id) && is_shown(id))
     }
 
     pub(crate) fn numbered(&self) -> impl Iterator<Item = (u32, &SeededFault)> {

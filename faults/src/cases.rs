@@ -1,10 +1,15 @@
 //! Cases of misuse of a program: how it is called, and what it then says.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Instant;
 
 use crate::error::FaultsError;
+use crate::kind::WitnessKind;
+use crate::schemata::VARIABLE;
 use crate::tree::Tree;
+use crate::work::{FaultyCopy, Trial, WitnessRun};
 
 /// A line a case: door, what is given, what happens, exit code, a part of what is said, arguments after variables.
 const CASES: &str = "docs/safety/misuse-commands";
@@ -25,6 +30,44 @@ pub(crate) struct ProgramCase {
     pub(crate) said: String,
     pub(crate) words: Vec<String>,
     pub(crate) variables: Vec<(String, String)>,
+}
+
+impl FaultyCopy<'_> {
+    /// Calls a program in the cases of misuse of a door, or in one of them.
+    pub(crate) fn run_cases(
+        &self,
+        kind: &WitnessKind,
+        place: &(PathBuf, PathBuf),
+        (trial, begin): (Trial, Instant),
+        log: &Path,
+        seen: &mut WitnessRun,
+    ) -> Result<(), FaultsError> {
+        let door = kind.door().unwrap_or_default();
+        for of_door in of_door(&self.copy, door)? {
+            if trial.case.is_none_or(|case| case == of_door.name) {
+                let mut command = of_door.command(&place.0, self.copy.root());
+                command.env(VARIABLE, trial.fault.0.to_string());
+                let left = trial.limit.saturating_sub(begin.elapsed());
+                let (printed, code) = self.print(&mut command, left, false, log)?;
+                let holds = of_door.happens(code, &printed);
+                seen.outcomes.insert(format!("{door}::{}", of_door.name), holds);
+            }
+        }
+        // What a case should not have written over.
+        self.restore("traces/corpus")
+    }
+
+    /// Makes a folder of the copy what it is in the project.
+    fn restore(&self, folder: &str) -> Result<(), FaultsError> {
+        for name in self.tree.files(&[folder])? {
+            let (from, to) = (self.tree.path(&name), self.copy.path(&name));
+            let whole = fs::read(&from).map_err(FaultsError::file(&from))?;
+            if fs::read(&to).map_or(true, |there| there != whole) {
+                fs::write(&to, whole).map_err(FaultsError::file(&to))?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The cases of a door.

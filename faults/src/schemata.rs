@@ -10,6 +10,8 @@ use crate::items::Function;
 
 /// The variable with the number of the fault; no fault has the number 0.
 pub(crate) const VARIABLE: &str = "FUSELINE_FAULT";
+/// The variable with the file that takes the numbers of the faults whose functions are called.
+pub(crate) const REACHED: &str = "FUSELINE_REACHED";
 
 /// A function with its faults.
 type FaultyFunction<'a> = (&'a Function, Vec<(u32, &'a SeededFault)>);
@@ -62,7 +64,9 @@ pub(crate) fn rewrite(
     for (function, faults) in functions.values() {
         rewritten.push_str(&copy(done, function.body.start));
         let whole = rewritten.len();
-        rewritten.push_str(SELECT);
+        let numbers: Vec<String> =
+            faults.iter().map(|(number, _)| format!("{number}\\n")).collect();
+        rewritten.push_str(&SELECT.replace("NUMBERS", &numbers.concat()));
         for (number, fault) in faults {
             let start = rewritten.len();
             let _ = write!(rewritten, " {number} => ");
@@ -93,8 +97,12 @@ pub fn can_share(fault: &SeededFault) -> bool {
 
 /// Begins a body. It links std by itself, since some crates do not.
 const SELECT: &str = "{ fn fuseline_fault() -> u32 { extern crate std as with_std; \
-    static FAULT: with_std::sync::OnceLock<u32> = with_std::sync::OnceLock::new(); \
-    *FAULT.get_or_init(|| with_std::env::var(\"FUSELINE_FAULT\").ok().and_then(|it| it.parse().ok()).unwrap_or(0)) } \
+    use with_std::{env, fs::OpenOptions, io::Write as _, sync::OnceLock}; \
+    static FAULT: OnceLock<u32> = OnceLock::new(); \
+    *FAULT.get_or_init(|| { if let Some(path) = env::var_os(\"FUSELINE_REACHED\") { \
+    let file = OpenOptions::new().create(true).append(true).open(path); \
+    let _ = file.and_then(|mut file| file.write_all(b\"NUMBERS\")); } \
+    env::var(\"FUSELINE_FAULT\").ok().and_then(|it| it.parse().ok()).unwrap_or(0) }) } \
     match fuseline_fault() {";
 
 #[cfg(test)]

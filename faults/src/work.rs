@@ -13,11 +13,11 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
 
 use crate::artifacts::{primary_places, take_program};
-use crate::cases::{self, DOORS};
+use crate::cases::DOORS;
 use crate::error::FaultsError;
 use crate::kind::{BuildSuite, Program, WitnessKind};
 use crate::printed::Outcomes;
-use crate::schemata::VARIABLE;
+use crate::schemata::{REACHED, VARIABLE};
 use crate::tree::Tree;
 
 /// The exit code of a program that a signal ended.
@@ -48,12 +48,31 @@ pub(crate) enum Built {
     Refused(Vec<(String, usize)>, String),
 }
 
+/// One run of the witnesses of a kind.
+#[derive(Clone, Copy)]
+pub(crate) struct Trial<'a> {
+    /// The number of the fault, and its name; the number is 0 for none.
+    pub(crate) fault: (u32, &'a str),
+    /// The one case of misuse that runs.
+    pub(crate) case: Option<&'a str>,
+    pub(crate) limit: Duration,
+    /// Whether it ends at the first witness that fails.
+    pub(crate) stops: bool,
+    /// The faults that each program came to without a fault. A program that never came to this one is left out.
+    pub(crate) reached: Option<&'a ReachedFaults>,
+}
+
+/// By target of a program: the numbers of the faults whose functions it called.
+pub(crate) type ReachedFaults = BTreeMap<&'static str, BTreeSet<u32>>;
+
 /// What the witnesses of a kind did.
 #[derive(Default)]
 pub(crate) struct WitnessRun {
     pub(crate) outcomes: Outcomes,
     pub(crate) is_out_of_time: bool,
     pub(crate) took: Duration,
+    /// What its programs came to, if they ran without a fault.
+    pub(crate) reached: ReachedFaults,
 }
 
 impl WitnessRun {
@@ -175,12 +194,11 @@ impl FaultyCopy<'_> {
     /// A program is not there or cannot be started, none ran, or the run was interrupted.
     pub(crate) fn run(
         &self,
-        kind: &WitnessKind,
+        kind: &'static WitnessKind,
         programs: &Programs,
-        (number, name): (u32, &str),
-        case: Option<&str>,
-        limit: Duration,
+        trial: Trial,
     ) -> Result<WitnessRun, FaultsError> {
+        let (number, name) = trial.fault;
         let log = self.log(kind.name, name);
         let wrong = |why: &str| FaultsError::Run {
             what: format!("{} under {name}", kind.name),
@@ -188,40 +206,30 @@ impl FaultyCopy<'_> {
             log: log.clone(),
         };
         let mut seen = WitnessRun::default();
-        fs::remove_file(&log).or_else(|error| match error.kind() {
-            std::io::ErrorKind::NotFound => Ok(()),
-            _ => Err(FaultsError::file(&log)(error)),
-        })?;
+        remove(&log)?;
         let begin = Instant::now();
-        for program in kind.programs {
+        let comes_to_it = |program: &Program| {
+            let reached = trial.reached.and_then(|reached| reached.get(program.target));
+            reached.is_none_or(|reached| reached.contains(&number))
+        };
+        let to_run = kind.programs.iter().filter(|program| comes_to_it(program));
+        let to_run: Vec<&Program> = to_run.collect();
+        for program in &to_run {
             let key = (program.package.to_owned(), program.target.to_owned());
             let place = programs.get(&key);
             let place = place.ok_or_else(|| wrong(&format!("{} was not built", program.target)))?;
-            let left = limit.saturating_sub(begin.elapsed());
-            if let Some((door, _, _)) = DOORS.iter().find(|(door, _, _)| kind.door() == Some(door))
-            {
-                for of_door in cases::of_door(&self.copy, door)? {
-                    if case.is_none_or(|case| case == of_door.name) {
-                        let mut command = of_door.command(&place.0, self.copy.root());
-                        command.env(VARIABLE, number.to_string());
-                        let (printed, code) = self.print(&mut command, left, false, &log)?;
-                        let holds = of_door.happens(code, &printed);
-                        seen.outcomes.insert(format!("{door}::{}", of_door.name), holds);
-                    }
-                }
-                // What a case should not have written over.
-                self.restore("traces/corpus")?;
+            if DOORS.iter().any(|(door, _, _)| kind.door() == Some(door)) {
+                self.run_cases(kind, place, (trial, begin), &log, &mut seen)?;
                 continue;
             }
-            let mut command = Self::command(kind, program, place, number);
-            if let Some(case) = case {
-                let is_python = kind.suite.packages.is_empty();
-                let python = ["-k".to_owned(), format!("test_{case}")];
-                let rust = ["--exact".to_owned(), case.to_owned()];
-                command.args(if is_python { python } else { rust });
+            let mut command = Self::command(kind, program, place, trial);
+            let reached = log.with_extension("reached");
+            if number == 0 {
+                remove(&reached)?;
+                command.env(REACHED, &reached);
             }
-            let stops = kind.stops && number != 0;
-            let (printed, ended) = self.print(&mut command, left, stops, &log)?;
+            let left = trial.limit.saturating_sub(begin.elapsed());
+            let (printed, ended) = self.print(&mut command, left, trial.stops, &log)?;
             let mut outcomes = (kind.read)(program.target, &printed);
             if ended.is_none() {
                 seen.is_out_of_time = true;
@@ -232,19 +240,25 @@ impl FaultyCopy<'_> {
                 outcomes.insert(format!("{} ({how})", program.target), false);
             }
             seen.outcomes.extend(outcomes);
-            if seen.is_out_of_time || (stops && seen.outcomes.values().any(|held| !held)) {
+            if number == 0 {
+                let numbers = fs::read_to_string(&reached).unwrap_or_default();
+                let numbers = numbers.lines().filter_map(|line| line.parse().ok());
+                seen.reached.insert(program.target, numbers.collect());
+            }
+            if seen.is_out_of_time || (trial.stops && seen.outcomes.values().any(|held| !held)) {
                 break;
             }
         }
         seen.took = begin.elapsed();
-        if seen.outcomes.is_empty() { Err(wrong("no witness ran")) } else { Ok(seen) }
+        let is_empty = seen.outcomes.is_empty() && !to_run.is_empty();
+        if is_empty { Err(wrong("no witness ran")) } else { Ok(seen) }
     }
 
     fn command(
         kind: &WitnessKind,
         program: &Program,
         (path, folder): &(PathBuf, PathBuf),
-        number: u32,
+        trial: Trial,
     ) -> Command {
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]).arg(path).current_dir(folder);
@@ -264,9 +278,16 @@ impl FaultyCopy<'_> {
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 .env("PYTHONPATH", folder.join("python"));
         }
+        if let Some(case) = trial.case {
+            let is_python = kind.suite.packages.is_empty();
+            let python = ["-k".to_owned(), format!("test_{case}")];
+            let rust = ["--exact".to_owned(), case.to_owned()];
+            command.args(if is_python { python } else { rust });
+        }
         command
-            .args(program.arguments)
-            .env(VARIABLE, number.to_string())
+            // Where the first that fails is enough, no model goes on.
+            .args(program.arguments.iter().filter(|it| !(trial.stops && **it == "--keep-going")))
+            .env(VARIABLE, trial.fault.0.to_string())
             .env("CARGO_MANIFEST_DIR", folder)
             .env("RUST_BACKTRACE", "0")
             // Where one at a time runs, the last one named is the one that hangs.
@@ -278,7 +299,7 @@ impl FaultyCopy<'_> {
     }
 
     /// What a program prints until it ends, and its exit code; none if its time was up.
-    fn print(
+    pub(crate) fn print(
         &self,
         command: &mut Command,
         limit: Duration,
@@ -338,22 +359,18 @@ impl FaultyCopy<'_> {
         Ok(reader.join().unwrap_or_default())
     }
 
-    /// Makes a folder of the copy what it is in the project.
-    fn restore(&self, folder: &str) -> Result<(), FaultsError> {
-        for name in self.tree.files(&[folder])? {
-            let (from, to) = (self.tree.path(&name), self.copy.path(&name));
-            let whole = fs::read(&from).map_err(FaultsError::file(&from))?;
-            if fs::read(&to).map_or(true, |there| there != whole) {
-                fs::write(&to, whole).map_err(FaultsError::file(&to))?;
-            }
-        }
-        Ok(())
-    }
-
     fn log(&self, kind: &str, run: &str) -> PathBuf {
         let run = run.replace(['/', ' '], "-");
         self.target.join("logs").join(format!("{kind}.{run}.txt"))
     }
+}
+
+/// Removes a file if it is there.
+fn remove(path: &Path) -> Result<(), FaultsError> {
+    fs::remove_file(path).or_else(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => Ok(()),
+        _ => Err(FaultsError::file(path)(error)),
+    })
 }
 
 fn create(path: &Path) -> Result<File, FaultsError> {
