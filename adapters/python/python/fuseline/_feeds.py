@@ -115,7 +115,7 @@ class Feeds(Generic[M]):
         if not isinstance(messages, Sized):
             _log.info("%s: closed while a stream was fed, after %d messages", name, written)
         elif (left := len(messages) - written) > 0:
-            self._operator._count_not_taken(left)
+            self._operator._arrivals.count_lost(left)
             _log.warning(
                 "%s: closed while messages were fed: %d were taken, %d were not",
                 name,
@@ -125,7 +125,7 @@ class Feeds(Generic[M]):
 
     def _watch_unread(self) -> None:
         """Begins to watch whether anybody reads, if a stream waits because nobody has so far."""
-        output, loop = self._output, self._operator._loop
+        output, loop = self._output, self._operator._home.loop
         if len(output.items) < output.limit or loop is None:
             return
         if output.is_ending and not output.readers.waiters:

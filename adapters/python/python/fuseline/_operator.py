@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import threading
 import time
-import weakref
 from collections import Counter
 from collections.abc import (
     AsyncIterable,
@@ -18,13 +16,15 @@ from collections.abc import (
     Sequence,
 )
 from concurrent.futures import Future
+from threading import get_ident
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from fuseline._drive import Clock, Driver, wait_for_cancelled
-from fuseline._errors import Closed, ConfigError, Full, TraceError, in_one_line
+from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._feeds import Feeds
 from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._home import Arrivals, Home
 from fuseline._item import CurrentDeadline, Item, Lineage
 from fuseline._local import Local, local_of
 from fuseline._output import Output
@@ -57,9 +57,6 @@ Res = TypeVar("Res")
 
 _log = logging.getLogger("fuseline")
 _running_loop = asyncio._get_running_loop
-
-#: What stands for the thread of an operator in a process that was forked.
-_FORKED = -1
 
 
 class Operator(Setup[M, V], Generic[M, V]):
@@ -153,18 +150,14 @@ class Operator(Setup[M, V], Generic[M, V]):
                 f"local's deadline of {deadline / 1e9} s is above the greatest; give a shorter "
                 "one, or a greater greatest_deadline"
             )
-        #: The loop's thread, once it has started, and messages on their way to it.
-        self._thread: int | None = None
-        self._on_their_way = 0
-        self._way = threading.Lock()
-        self._not_taken = 0
+        self._home = Home()
+        self._arrivals = Arrivals(self, window)
         self._reserve = list(reserve)
         super().__init__(
             OutputHandlers(
                 latency=latency, carry_messages=carry_messages, copy_messages=copy_messages
             )
         )
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._copies = copy_messages
         self._driver: Driver[M, V] | None = None
         self._output = Output[V](output_len)
@@ -198,9 +191,7 @@ class Operator(Setup[M, V], Generic[M, V]):
             if trace is not None:
                 trace.give_up()
             raise
-        self._loop = asyncio.get_running_loop()
-        self._thread = threading.get_ident()
-        _STARTED.add(self)
+        self._home.enter()
         self._driver = Driver(
             self.name,
             engine,
@@ -292,11 +283,9 @@ class Operator(Setup[M, V], Generic[M, V]):
                 clock, and the message was not taken.
             RuntimeError: in another thread than the loop's: use `write_threadsafe` there.
         """
-        driver = self._driver
-        if driver is None or threading.get_ident() != self._thread:
+        driver, home = self._driver, self._home
+        if driver is None or _running_loop() is not home.loop or get_ident() != home.thread:
             driver = self._running("write")
-        if _running_loop() is not self._loop:
-            self._check_loop("write")
         if self._is_last:
             raise Closed("the operator takes no more messages")
         output = self._output
@@ -340,37 +329,9 @@ class Operator(Setup[M, V], Generic[M, V]):
             Full: if too many are on their way, since the loop is held up: it was not taken.
             Closed: if the operator has ended.
         """
-        if self._driver is None or self._loop is None:
+        if self._home.loop is None:
             raise ConfigError("the operator has not started; use it with `async with`")
-        with self._way:
-            if self._on_their_way >= self._window:
-                self._not_taken += 1
-                raise Full(f"{self._on_their_way} messages are on their way; the loop is held up")
-            self._on_their_way += 1
-        future: Future[int] = Future()
-        try:
-            self._loop.call_soon_threadsafe(self._take, message, lineage, future)
-        except RuntimeError as error:
-            with self._way:
-                self._on_their_way -= 1
-                self._not_taken += 1
-            raise Closed("the operator's loop has ended") from error
-        return future
-
-    def _take(self, message: M, lineage: Lineage | None, future: Future[int]) -> None:
-        """Takes a message that came from another thread."""
-        with self._way:
-            self._on_their_way -= 1
-        try:
-            future.set_result(self.write(message, lineage))
-        except Exception as error:
-            with self._way:
-                self._not_taken += 1
-                times = self._not_taken
-            future.set_exception(error)
-            if times & (times - 1) == 0:
-                why = in_one_line(error)
-                _log.warning("%s: a message was not taken: %s (%d so far)", self.name, why, times)
+        return self._arrivals.send(self._home.loop, message, lineage)
 
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
         """Writes each message as soon as there is room, and returns how many it wrote.
@@ -408,7 +369,7 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     def close(self) -> None:
         """Takes no more messages; the items end once all messages are answered."""
-        self._check_thread("close")
+        self._home.check("close", is_over=self._is_over)
         self._is_last = True
         if self._driver is not None:
             self._driver.close()
@@ -421,7 +382,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         Handlers and policies may call it too: the message or result that they are called about is
         the last that happens.
         """
-        self._check_thread("stop")
+        self._home.check("stop", is_over=self._is_over)
         self._is_stopped = self._is_stopped or not self._is_over
         self._end()
 
@@ -441,7 +402,7 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     async def __anext__(self) -> Item[V]:
         """Returns the next item; ends once no more messages come and all are answered."""
-        if self._driver is None or threading.get_ident() != self._thread:
+        if self._driver is None or get_ident() != self._home.thread:
             self._running("read")
         output = self._output
         while not output.items:
@@ -491,8 +452,8 @@ class Operator(Setup[M, V], Generic[M, V]):
         for side in self._handlers.sides:
             for outcome, count in side.counts.items():
                 counts[side.name, "side request", outcome] = count
-        if self._not_taken:
-            counts[self.name, "message", "not taken"] = self._not_taken
+        if self._arrivals.not_taken:
+            counts[self.name, "message", "not taken"] = self._arrivals.not_taken
         return counts
 
     @property
@@ -516,42 +477,13 @@ class Operator(Setup[M, V], Generic[M, V]):
     def _running(self, method: str) -> Driver[M, V]:
         if self._driver is None:
             raise ConfigError("the operator has not started; use it with `async with`")
-        self._check_thread(method)
+        self._home.check(method, is_over=self._is_over)
         return self._driver
-
-    def _check_thread(self, method: str) -> None:
-        if self._thread is None or threading.get_ident() == self._thread:
-            self._check_loop(method)
-            return
-        if self._thread == _FORKED:
-            raise RuntimeError(
-                f"{method} in a process that was forked; the operator runs in the one that started "
-                "it: make one here"
-            )
-        if method == "write":
-            remedy = "use write_threadsafe"
-        else:
-            remedy = f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
-        raise RuntimeError(f"{method} in another thread than the operator's loop; {remedy}")
-
-    def _check_loop(self, method: str) -> None:
-        running = _running_loop()
-        if self._loop is None or running is self._loop:
-            return
-        if self._loop.is_closed() and not self._is_over:
-            raise Closed(f"{method} after the operator's loop has ended; an operator has one loop")
-        if running is not None and not self._is_over:
-            raise RuntimeError(f"{method} in another loop than the operator's; it has one loop")
 
     def _has_room(self) -> bool:
         driver = self._driver
         is_open = driver is not None and driver.has_room(self._window)
         return is_open and len(self._output.items) < self._output.limit
-
-    def _count_not_taken(self, count: int) -> None:
-        """Counts messages that the operator did not take, from any thread."""
-        with self._way:
-            self._not_taken += count
 
     def _end_if_idle(self) -> None:
         driver = self._driver
@@ -573,16 +505,3 @@ class Operator(Setup[M, V], Generic[M, V]):
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
             driver.counting.handler_failed(None)
             driver.set_situation(Situation())
-
-
-#: Operators that were started, for processes that are forked: they go on where they were started.
-_STARTED: weakref.WeakSet[Operator[Any, Any]] = weakref.WeakSet()
-
-
-def _forked() -> None:
-    for operator in list(_STARTED):
-        operator._thread = _FORKED
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
