@@ -55,12 +55,11 @@ impl RequestDeadlines {
                 let opened = self.opened.get(&t).copied().unwrap_or(at);
                 self.after_open.add(rounded(due.saturating_sub(opened)), 1);
             }
-            Event::Decision(Decision::RefuseOpen {
-                t,
-                why: OpenRefusal::Full | OpenRefusal::Deadline,
-                ..
-            })
-            | Event::Decision(Decision::Final { t, .. } | Decision::Miss { t, .. }) => {
+            Event::Decision(
+                Decision::RefuseOpen { t, why: OpenRefusal::Full | OpenRefusal::Deadline, .. }
+                | Decision::Final { t, .. }
+                | Decision::Miss { t, .. },
+            ) => {
                 self.opened.remove(&t);
             }
             Event::Decision(Decision::Emit { t, .. }) if self.commit != Commit::Progressive => {
