@@ -76,8 +76,10 @@ impl CloudError {
     pub(crate) fn key(&self) -> Option<&str> {
         match self {
             Self::Key(key) | Self::Twice(key) => Some(key),
-            Self::Value { key, .. } | Self::Remote(key) | Self::Emulated(key) => Some(key),
-            Self::Model(ModelError::Figure { key, .. }) => Some(key),
+            Self::Value { key, .. }
+            | Self::Remote(key)
+            | Self::Emulated(key)
+            | Self::Model(ModelError::Figure { key, .. }) => Some(key),
             Self::Model(ModelError::Name(_) | ModelError::Device(_)) => Some("model"),
             Self::Model(ModelError::Key(_)) | Self::Missing(_) | Self::Pair(_) => None,
         }
