@@ -55,7 +55,7 @@ pub(crate) trait SharedCalls {
     fn next_due(&self, message_id: MessageId) -> Option<u64>;
 }
 
-/// What any thread may report for one message.
+/// An event that any thread may report for one message.
 #[derive(Clone, Copy)]
 pub(crate) enum InputKind {
     /// A result of this source (F3).

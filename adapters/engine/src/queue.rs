@@ -25,7 +25,7 @@ pub(crate) struct SourceQueue<R> {
     pub(crate) linger: u64,
     /// The number of messages before its own that a value may be of (D2).
     pub(crate) max_age: u64,
-    /// Whether the absence of results was logged.
+    /// Decides when to log that no results come.
     pub(crate) outage: OutageLog,
     pub(crate) source: Source,
     /// Calls that nothing waits for and that run on, to learn how long they take; at most `at_once`.
