@@ -10,6 +10,21 @@ use crate::policy::Situation;
 use crate::span::Span;
 
 /// Chooses the deadline of least [`StreamLoss`], from the last `WINDOW` calls and the last `WINDOW` speeds.
+///
+/// ```
+/// use core::time::Duration;
+/// use fuseline_deadline::{BoxDetector, Invalid, Policy, Situation, StreamLoss, Streaming};
+///
+/// let (period, local_response) = (Duration::from_millis(33), Duration::from_millis(15));
+/// let local = BoxDetector { accuracy: 42.0, overlap: 0.8 };
+/// let cloud = BoxDetector { accuracy: 52.0, overlap: 0.9 };
+/// let mut policy: Streaming =
+///     Streaming::new(StreamLoss::new(local, cloud, period), local_response, Some(16))?;
+/// policy.moved(0.5); // a box moved by half its size in a second
+/// let deadline = policy.decide(&Situation::UNKNOWN, Duration::from_millis(200)).deadline;
+/// assert_eq!(deadline, Duration::from_millis(200)); // the first message is a probe
+/// # Ok::<(), Invalid>(())
+/// ```
 pub type Streaming<const WINDOW: usize = 64> = Expected<StreamLoss<WINDOW>, WINDOW>;
 
 /// How well a detector of boxes does on single frames.

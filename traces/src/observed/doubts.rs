@@ -30,7 +30,7 @@ pub(super) struct DoubtTracker {
     is_ordered: bool,
 }
 
-/// What is known of one source.
+/// The knowledge of one source.
 #[derive(Clone, Debug)]
 struct SourceAccount {
     p: u64,

@@ -101,6 +101,20 @@ pub struct TimeOrderError {
 
 /// Judges a whole trace. `file` names it in the verdict and in errors.
 ///
+/// ```
+/// use fuseline_traces::observed::{Slack, judge};
+///
+/// let trace = r#"{"fuseline":1,"window":16,"clouds":[]}
+/// {"ev":"open","at":0,"t":1}
+/// {"ev":"result","at":9,"t":1,"p":0}
+/// {"ev":"emit","at":11,"t":1,"p":0}
+/// "#;
+/// // Stamps may be 2 ns off, and the operator may act 5 ns late.
+/// let verdict = judge("run.jsonl", Slack { tolerance: 2, lateness: 5 }, trace.as_bytes())?;
+/// assert!(verdict.violations.is_empty(), "{verdict:?}");
+/// # Ok::<(), fuseline_traces::observed::JudgeError>(())
+/// ```
+///
 /// # Errors
 /// Returns a [`JudgeError`] if the trace cannot be read to its end or is out of order.
 pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, JudgeError> {

@@ -1,4 +1,4 @@
-//! What was observed of one timestamp, and whether the rules can explain it.
+//! The observations of one timestamp, and a decision whether the rules can explain them.
 
 use super::explain::{
     InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SourceTimer,
@@ -8,7 +8,7 @@ use super::progressive::{OutputTime, ProgressiveFacts};
 use super::slack::SourceSlack;
 use crate::event::Commit;
 
-/// What was observed of one timestamp. Instants are in ns.
+/// The observations of one timestamp. Instants are in ns.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct MessageHistory {
     /// The instant of its open, and local's deadline.
