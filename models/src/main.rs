@@ -21,7 +21,7 @@ Exit codes:
   1  not so
   2  bad input, reported in one line";
 
-/// Searches every state that the shipped machine can get into for a broken rule or promise.
+/// Searches every state that the shipped machine can reach for a broken rule or promise.
 #[derive(Parser)]
 #[command(name = "fuseline-models", version, after_help = EXITS, max_term_width = 100)]
 struct Cli {
@@ -33,7 +33,7 @@ struct Cli {
 enum Command {
     /// Check configurations state by state.
     Check(CheckArguments),
-    /// Explore a configuration in a browser, every step in the words of the trace.
+    /// Explore a configuration in a browser, with every step in the words of the trace.
     Explore(Explore),
     /// List the configurations.
     List,
@@ -50,25 +50,25 @@ Examples:
   fuseline-models check --quick --keep-going --save violations/")]
 #[expect(clippy::struct_excessive_bools, reason = "one for each switch")]
 struct CheckArguments {
-    /// The configurations, or the beginnings of their names; none is all but the large ones.
+    /// The configurations, or the beginnings of their names; by default all but the large ones.
     #[arg(value_name = "CONFIG")]
     configs: Vec<String>,
-    /// Check the quick configurations alone.
+    /// Check only the quick configurations.
     #[arg(long, conflicts_with_all = ["configs", "large"])]
     quick: bool,
     /// Check the large configurations too.
     #[arg(long, conflicts_with = "configs")]
     large: bool,
-    /// Go on after a violation, to see all claims that are broken.
+    /// Continue after a violation, to see all claims that are broken.
     #[arg(long)]
     keep_going: bool,
-    /// How many threads to use; by default as many as there are processors.
+    /// The number of threads; by default as many as there are processors.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
     /// Write each counterexample into this directory, as CONFIG.CLAIM.jsonl.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
-    /// Print one JSON object a configuration.
+    /// Print one JSON object for each configuration.
     #[arg(long)]
     json: bool,
 }
@@ -77,10 +77,10 @@ struct CheckArguments {
 struct Explore {
     /// The configuration.
     config: String,
-    /// Where to listen.
+    /// The address to listen on.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:3000")]
     listen: SocketAddr,
-    /// Show the sightings beside the claims; each click takes seconds then.
+    /// Show the sightings beside the claims; each click then takes seconds.
     #[arg(long)]
     sightings: bool,
 }

@@ -24,63 +24,63 @@ use crate::error::Error;
 use crate::run::ProofRun;
 use crate::tools::{Limits, STOP};
 
-/// Proves what is promised of the machine, and shows that a faulty machine would not pass.
+/// Proves the promises about the machine, and shows that a faulty machine would not pass.
 ///
 /// Each harness is proved, shown to reach its covers and its end, and shown to catch a seeded fault.
-/// Exit code 0 if all is as it must be, 1 if not (a harness without a verdict is not), 2 if nothing could be asked, 77 if
-/// nothing can run here.
+/// The exit code is 0 if everything is as it must be, 1 if not (also for a harness without a verdict), 2 if
+/// nothing could be asked, and 77 if nothing can run here.
 #[derive(Parser)]
 #[command(name = "prove", version)]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of the command line")]
 struct Cli {
-    /// Only these harnesses; then no faults unless asked for.
+    /// Check only these harnesses, without faults unless they are requested.
     #[arg(long, value_name = "NAME")]
     harness: Vec<String>,
-    /// Only the seeded faults; with --harness, the faults as well.
+    /// Check only the seeded faults; with --harness, the faults as well.
     #[arg(long)]
     faults: bool,
     /// Search again for the harnesses, or those named, that catch each fault, and record them.
     #[arg(long)]
     search: bool,
-    /// With --search, only these faults; with --mutants, only those with this in their names.
+    /// With --search, only these faults; with --mutants, only those with this text in their names.
     #[arg(long, value_name = "NAME")]
     fault: Vec<String>,
-    /// Try each mutant of the façade and of its window that `cargo mutants` lists; with --harness by those alone. A run that was
-    /// interrupted goes on where it was.
+    /// Try each mutant of the façade and of its window that `cargo mutants` lists, with --harness only by the
+    /// named ones. An interrupted run continues where it was.
     #[arg(long, conflicts_with_all = ["keep", "sample", "search"])]
     mutants: bool,
-    /// Record the harnesses, assertions and covers that there are now.
+    /// Record the harnesses, assertions and covers of the sources.
     #[arg(long)]
     record: bool,
     /// Keep the verdicts in the committed ledger.
     #[arg(long)]
     keep: bool,
-    /// Of what the ledger answers for these very sources and tools ask only as much, drawn anew each time, as took so
-    /// long: harnesses, and as long again for faults. What it does not answer is asked as always.
+    /// Ask only a random sample of the questions that the ledger already answers for these sources and tools:
+    /// as many harnesses as took this many seconds, and as many faults. All other questions are asked.
     #[arg(long, value_name = "SECONDS", conflicts_with_all = ["harness", "keep", "search"])]
     sample: Option<u64>,
     /// List what there is to prove, and stop.
     #[arg(long)]
     list: bool,
-    /// Print JSON, one object a line.
+    /// Print one JSON object on each line.
     #[arg(long)]
     json: bool,
     /// Run a harness here on the values of a counterexample.
     #[arg(long, num_args = 1.., value_names = ["NAME", "VALUE"])]
     replay: Vec<String>,
-    /// How many questions to ask at once.
+    /// Ask this many questions at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// How many seconds the checker has for one question.
+    /// Limit the checker to this many seconds for one question.
     #[arg(long, value_name = "SECONDS", default_value_t = 1200)]
     time: u64,
-    /// How much memory the checker has for one question.
+    /// Limit the checker to this much memory for one question.
     #[arg(long, value_name = "MIB", default_value_t = 8192)]
     memory: u64,
     /// Ask Kani.
     #[arg(long, hide = true)]
     kani: bool,
-    /// Where the checker's tools are.
+    /// The folder of the checker's tools.
     #[arg(long, hide = true, default_value = "/")]
     root: PathBuf,
 }

@@ -25,29 +25,29 @@ Exit codes:
   2  bad input, reported in one line
   130  interrupted";
 
-/// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks
-/// what comes of it.
+/// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks the
+/// outcome.
 ///
 /// The seeds that ever failed come first, then fresh ones.
 #[derive(Parser)]
 #[command(name = "fuseline-simulate", version, after_help = EXITS, max_term_width = 100)]
 struct Cli {
-    /// For how long, at least; a run that has begun is ended.
+    /// The least number of seconds to run; a run that has begun is finished.
     #[arg(long, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// Play this seed alone, and print its scenario.
+    /// Play only this seed, and print its scenario.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Play the graph of operators of this seed alone.
+    /// Play only the graph of operators of this seed.
     #[arg(long, value_name = "N", conflicts_with = "seed")]
     graph: Option<u64>,
-    /// Play the gRPC server of this seed alone.
+    /// Play only the gRPC server of this seed.
     #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph"])]
     server: Option<u64>,
-    /// The first of the fresh seeds; by chance if not given.
+    /// The first of the fresh seeds; random if not given.
     #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server"])]
     from: Option<u64>,
-    /// Play so many fresh seeds instead of for some time.
+    /// Play this many fresh seeds, instead of for some time.
     #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server", "seconds"])]
     runs: Option<u64>,
     /// Write the trace of the seed to this file.

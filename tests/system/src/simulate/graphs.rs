@@ -1,4 +1,5 @@
-//! Graphs of operators, as `adapters/tokio/tests` draws them: their promises (E1 to E7), and their floor (E11).
+//! Graphs of operators, as `adapters/tokio/tests` draws them. Checks their promises (E1 to E7) and their
+//! floor (E11).
 
 use std::io;
 
@@ -12,10 +13,11 @@ mod drawn;
 #[expect(dead_code, reason = "conditions are broken by the tests of the adapter alone")]
 mod floor;
 
-/// Returns what is wrong with the graph that this seed draws, and with the floor of the pipeline that it draws, in virtual time.
+/// Returns what is wrong with the graph that this seed draws, and with the floor of the pipeline that it
+/// draws, in virtual time.
 ///
 /// # Errors
-/// If there is no runtime.
+/// Returns an error if no runtime can be created.
 pub fn graph_findings(seed: u64) -> io::Result<Vec<String>> {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
     let mut wrong = runtime.block_on(drawn::wrongs(seed)).0;

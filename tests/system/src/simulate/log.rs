@@ -1,4 +1,4 @@
-//! What is seen from outside of the operator: the simulated parts write it, the checks read it.
+//! The observations from outside of the operator. The simulated parts write them, and the checks read them.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::simulate::link::EmulatedLink;
 use crate::simulate::scenario::{Scenario, ScenarioLink};
 use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
-/// All that the simulated parts share.
+/// The state that all simulated parts share.
 pub(crate) struct SimulationState {
     pub(crate) scenario: Scenario,
     start: Instant,
@@ -23,33 +23,34 @@ pub(crate) struct SimulationState {
     pub(crate) values: InstanceCounts,
 }
 
-/// What was seen, in the order in which it happened. Instants are nanoseconds of the operator's clock.
+/// The observations in the order in which they happened. Instants are nanoseconds of the operator's clock.
 #[derive(Default, PartialEq, Debug)]
 pub(crate) struct Log {
-    /// By timestamp: the message's number and when it was written.
+    /// The message's number and the instant of its writing, by timestamp.
     pub(crate) written: Vec<(usize, u64)>,
-    /// Message handlers that were called: cloud and timestamp.
+    /// The message handlers that were called: cloud and timestamp.
     pub(crate) requested: Vec<(u16, u64)>,
-    /// Calls and local computations.
+    /// The calls and local computations.
     pub(crate) calls: Vec<LoggedCall>,
-    /// What each reader read.
+    /// The items that each reader read.
     pub(crate) items: Vec<Vec<Read>>,
-    /// Which readers left.
+    /// `true` for each reader that left.
     pub(crate) has_left: Vec<bool>,
     pub(crate) hints: Vec<LoggedHint>,
-    /// The ends that policies got, by the clouds' priorities.
+    /// The ends that policies were told, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
-    /// Side requests: offered by the handler, under way now and at most, and answers that reached the response handler.
+    /// The side requests: how many the handler offered, how many are under way, the most that were, and how
+    /// many responses reached the response handler.
     pub(crate) sides: [usize; 4],
-    /// What was given to the link, in order.
+    /// The messages that were given to the link, in order.
     pub(crate) link: Vec<LinkPass>,
-    /// When the process stood still: from, to.
+    /// The stalls of the process: from, to.
     pub(crate) stalls: Vec<(u64, u64)>,
-    /// When the operator was stopped, or the runtime was dropped.
+    /// The instant when the operator was stopped or the runtime was dropped.
     pub(crate) stopped: Option<u64>,
-    /// How many items each reader had read then; none of those that had left.
+    /// The number of items that each reader had read then; `None` for those that had left.
     pub(crate) read: Vec<Option<usize>>,
-    /// From when on the simulation is over and drops what is left.
+    /// The instant from which the simulation is over and drops what is left.
     pub(crate) over: Option<u64>,
 }
 
@@ -60,20 +61,20 @@ pub(crate) struct LoggedCall {
     pub(crate) t: u64,
     pub(crate) serial: usize,
     pub(crate) begun: u64,
-    /// The time left that it was given; none for local.
+    /// The time left that it was given; `None` for local.
     pub(crate) time_left: Option<Duration>,
-    /// The link had no room for its request.
+    /// `true` if the link had no room for its request.
     pub(crate) has_no_room: bool,
-    /// When and how it ended.
+    /// The instant and the way in which it ended.
     pub(crate) end: Option<(u64, CallStop)>,
 }
 
-/// A request or a reply on the link.
+/// A request or a result on the link.
 #[derive(PartialEq, Debug)]
 pub(crate) struct LinkPass {
     pub(crate) direction: LinkDirection,
     pub(crate) at: u64,
-    /// When it was through, or found no room; none if it was given up.
+    /// The instant when it was through or found no room; `None` if it was given up.
     pub(crate) end: Option<(u64, bool)>,
 }
 
@@ -82,7 +83,7 @@ pub(crate) struct LinkPass {
 pub(crate) enum CallStop {
     Answered,
     Failed,
-    /// It was dropped by others.
+    /// Others dropped it.
     DroppedResult,
 }
 
@@ -90,18 +91,18 @@ pub(crate) enum CallStop {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Read {
     pub(crate) t: u64,
-    /// When it was read.
+    /// The instant when it was read.
     pub(crate) at: u64,
     pub(crate) opened: u64,
     pub(crate) decided: u64,
     pub(crate) revision: u32,
     pub(crate) is_last: bool,
     pub(crate) outcome: LoggedOutcome,
-    /// Whose failures were accepted, with the words.
+    /// The sources whose failures were accepted, with the reasons.
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
 
-/// How a message was answered.
+/// How a message ended.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum LoggedOutcome {
     Preliminary(LoggedResult),
@@ -162,7 +163,8 @@ impl SimulationState {
         lock(&self.log)
     }
 
-    /// Waits until a request or a reply is through the link, if there is one; whether it found room.
+    /// Waits until a request or a result is through the link, if there is one. Returns `true` if it found
+    /// room.
     pub(crate) async fn pass(&self, direction: LinkDirection) -> bool {
         let Some(ScenarioLink { bytes, .. }) = self.scenario.link else { return true };
         let at = self.now();
@@ -216,7 +218,7 @@ impl SimulationState {
 }
 
 impl LoggedOutcome {
-    /// The result, if it has one.
+    /// Returns the result, if there is one.
     pub(crate) const fn result(&self) -> Option<&LoggedResult> {
         match self {
             Self::Preliminary(result) | Self::Forwarded(result) => Some(result),
@@ -226,20 +228,20 @@ impl LoggedOutcome {
 }
 
 impl Log {
-    /// The operator is stopped, or the runtime is dropped.
+    /// Notes that the operator is stopped or the runtime is dropped.
     pub(crate) fn stop(&mut self, at: u64) {
         let read = |(items, has_left): (&Vec<Read>, &bool)| (!has_left).then_some(items.len());
         self.read = self.items.iter().zip(&self.has_left).map(read).collect();
         self.stopped = Some(at);
     }
 
-    /// Its index.
+    /// Adds a message to the link's log. Returns its index.
     fn begin_pass(&mut self, pass: LinkPass) -> usize {
         self.link.push(pass);
         self.link.len() - 1
     }
 
-    /// How long the process stood still between two instants.
+    /// Returns how long the process stood still between two instants.
     pub(crate) fn stalled(&self, from: u64, to: u64) -> u64 {
         let overlap = |(begun, ended): &(u64, u64)| to.min(*ended).saturating_sub(from.max(*begun));
         self.stalls.iter().map(overlap).sum()

@@ -1,6 +1,7 @@
-//! The simulated parts around the operator: sources that do as the scenario says, a camera, readers, a process that stalls.
+//! The simulated parts around the operator: sources that follow the scenario, a camera, readers, and a
+//! process that stalls.
 //!
-//! They write what they see into the log, and judge nothing.
+//! They write their observations into the log, and judge nothing.
 
 use std::future::pending;
 use std::panic::resume_unwind;
@@ -19,12 +20,12 @@ use crate::simulate::log::{CallStop, LoggedCall, SimulationState};
 use crate::simulate::scenario::{CallResult, OfferAction, SourceAction};
 use crate::simulate::value::{Frame, ResultValue, ValueLabel};
 
-/// The operator whose sources do as the scenario says.
+/// The operator, whose sources follow the scenario.
 pub(crate) struct Script(pub(crate) Arc<SimulationState>);
 
 type BoxFuture = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// A call on its way, from its begin to the response handler.
+/// A call on its way, from its beginning to the response handler.
 struct CallInProgress {
     simulation: Arc<SimulationState>,
     /// Its index in the log.
@@ -101,7 +102,7 @@ impl Operator for Script {
             }
             async move {
                 let value = travel(call_in_progress, act).await.and_then(CallInProgress::respond);
-                // Local has the message as long as it computes.
+                // Local keeps the message while it computes.
                 drop(frame);
                 value
             }
@@ -112,7 +113,7 @@ impl Operator for Script {
     }
 }
 
-/// The side requests.
+/// Makes the side requests.
 fn beside(
     simulation: &Arc<SimulationState>,
     setup: &mut Setup<Frame, ResultValue>,
@@ -170,7 +171,7 @@ fn requested_action(
     }
 }
 
-/// To the response, if there is one.
+/// Plays a call up to its response, if there is one.
 async fn travel(
     mut call_in_progress: CallInProgress,
     act: SourceAction,
@@ -183,7 +184,7 @@ async fn travel(
     let simulation = Arc::clone(&call_in_progress.simulation);
     if is_remote && !simulation.pass(LinkDirection::Uplink).await {
         simulation.log().calls[call_in_progress.index].has_no_room = true;
-        // The source is not reached, and so does nothing of its own.
+        // The source is not reached, so it takes no action of its own.
         call_in_progress.result = CallResult::Fails;
         call_in_progress.end(CallStop::Failed);
         return Err(words(call_in_progress.reported).into());
@@ -251,7 +252,7 @@ impl CallInProgress {
         }
     }
 
-    /// The response handler. The result counts as made when it is done.
+    /// Plays the response handler. The result counts as made when it is done.
     fn respond(self) -> Result<ResultValue, Error> {
         match self.result {
             CallResult::PanickingResponse => {
@@ -319,7 +320,7 @@ impl Policy for FixedPolicy {
     }
 }
 
-/// Writes the messages, each at its time; one that finds no room is not taken in.
+/// Writes the messages, each at its time. A message that finds no room is not accepted.
 pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<Frame>) {
     let mut at = Duration::ZERO;
     for (serial, message) in simulation.scenario.frames.iter().enumerate() {
@@ -338,7 +339,7 @@ pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<
     }
 }
 
-/// Reads items as the scenario's reader does; the first one lets the others join.
+/// Reads items as the scenario's reader does. The first reader lets the others join.
 pub(crate) fn audience(
     simulation: Arc<SimulationState>,
     index: usize,
@@ -375,7 +376,7 @@ async fn listen(simulation: Arc<SimulationState>, index: usize, mut items: Items
     }
 }
 
-/// Stands still now and then: the clock goes on, and nobody has a turn.
+/// Makes the process stand still now and then: the clock advances, and nobody has a turn.
 pub(crate) async fn stall(simulation: Arc<SimulationState>) {
     for (at, len) in &simulation.scenario.stalls {
         sleep_until(simulation.at(*at)).await;
@@ -390,12 +391,12 @@ pub(crate) fn name(p: u16) -> String {
     format!("cloud {p}")
 }
 
-/// Why a source fails: its words name it and its message.
+/// Returns the reason why a source fails, which names the source and its message.
 pub(crate) fn words(reported: ValueLabel) -> String {
     format!("{} fails {} as message {}", reported.p, reported.t, reported.serial)
 }
 
-/// A panic that prints nothing.
+/// Panics without printing anything.
 fn panic(words: &str) -> ! {
     resume_unwind(Box::new(words.to_owned()))
 }

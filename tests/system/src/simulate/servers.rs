@@ -1,4 +1,5 @@
-//! A gRPC server among innocents and strangers, as `adapters/tokio/tests/visitors.rs` draws them (D6, D8, D12).
+//! A gRPC server among well-behaved and hostile clients, as `adapters/tokio/tests/visitors.rs` draws them
+//! (D6, D8, D12).
 
 use std::io;
 
@@ -13,10 +14,10 @@ mod rude;
 #[path = "../../../../adapters/tokio/tests/support/visitors.rs"]
 mod visitors;
 
-/// What is wrong with the server that this seed draws, in virtual time.
+/// Returns what is wrong with the server that this seed draws, in virtual time.
 ///
 /// # Errors
-/// If there is no runtime.
+/// Returns an error if no runtime can be created.
 pub fn server_findings(seed: u64) -> io::Result<Vec<String>> {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
     Ok(runtime.block_on(visitors::server_wrongs(seed)))

@@ -25,9 +25,9 @@ use fuseline_tokio::Error;
     about = "Operators and clouds under chaos; run it by .ci/chaos, which makes the namespaces"
 )]
 enum Args {
-    /// Messages through many operators, with chaos every few seconds.
+    /// Send messages through many operators, with a disruption every few seconds.
     Soak(soak::Args),
-    /// One cloud, for the soak; it ends with its standard input.
+    /// Run one cloud for the soak; it ends with its standard input.
     #[command(hide = true)]
     Cloud(cloud::Args),
 }

@@ -33,15 +33,15 @@ const BITES: Duration = Duration::from_millis(500);
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Messages in all, shared out among the operators.
+    /// The number of messages, shared out among the operators.
     #[arg(long, default_value_t = 100_000)]
     messages: u64,
     #[arg(long, default_value_t = 40)]
     operators: u32,
-    /// Messages a second of each operator.
+    /// The messages per second of each operator.
     #[arg(long, default_value_t = 15)]
     rate: u32,
-    /// Decides what breaks when; by default one that was never played.
+    /// Decides what is disrupted and when; by default a seed that was never played.
     #[arg(long)]
     seed: Option<u64>,
 }
