@@ -121,7 +121,11 @@ impl Infer for Answering {
                 Some(after) => sleep(after).await,
                 None => future::pending().await,
             }
-            Ok(Reply { payload: REPLY.as_slice().into(), of: Some(request.timestamp) })
+            Ok(Reply {
+                payload: REPLY.as_slice().into(),
+                of: Some(request.timestamp),
+                ..Reply::default()
+            })
         }
     }
 

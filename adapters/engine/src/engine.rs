@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use fuseline_core::{Admission, Opening};
 use fuseline_deadline::{End, Situation};
-use fuseline_traces::{Annotations, Input, nanos};
+use fuseline_traces::{Annotations, Input, ValueKeys, nanos};
 
 use crate::budget::Budget;
 use crate::config::{EngineConfig, EngineConfigError};
@@ -251,13 +251,23 @@ impl<V, R> Engine<V, R> {
 
     /// F3: a source's result came.
     ///
-    /// D2: one that says that it is of another message than the source may send a value of is a failure (F4).
+    /// A value of another message than the source may send is a failure (D2, F4), and so is one that is meant for another
+    /// message (D18).
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: impl Into<StampedValue<V>>) {
-        let StampedValue { value, of } = value.into();
+        let value = value.into();
+        let ValueKeys { of, meant_for } = value.keys();
         let index = self.sources.index(p);
         let max_age = index.map_or(0, |index| self.sources[index].max_age);
         if let Some(of) = of.filter(|of| !(t.saturating_sub(max_age)..=t).contains(of)) {
             return self.fail(at, t, p, &format_args!("the value is of message {of}"));
+        }
+        if let Some(meant_for) = meant_for.filter(|meant_for| *meant_for != t) {
+            return self.fail(
+                at,
+                t,
+                p,
+                &format_args!("the value is meant for message {meant_for}"),
+            );
         }
         self.begin(at);
         if let Some(index) = index {
@@ -268,10 +278,9 @@ impl<V, R> Engine<V, R> {
             }
         }
         let input = Input::Result { at, t, p: p.into() };
-        let annotations = || Annotations { of, ..Annotations::NONE };
-        let (answer, now) = self.decide_annotated(&input, annotations);
+        let (answer, now) = self.decide_annotated(&input, || value.keys().into());
         let Answer::Result { outcome, .. } = answer else { return };
-        self.settle_result(now, (t, p), &outcome, StampedValue { value, of });
+        self.settle_result(now, (t, p), &outcome, value);
         self.start_waiting(now);
     }
 

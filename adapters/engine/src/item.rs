@@ -86,6 +86,8 @@ pub struct Forwarded<V> {
     /// Of which message the value is, if its source said so: of this one, or of one before it that is no older than the
     /// cloud's `max_age` allows (D2).
     pub of: Option<u64>,
+    /// The message that the value is meant for, if its source named it. It is always this one (D18).
+    pub meant_for: Option<u64>,
 }
 
 /// Local or a cloud.

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fuseline_traces::{Annotations, Origin, nanos};
+use fuseline_traces::{Annotations, Origin, ValueKeys, nanos};
 
 /// The origin of a message. Operators pass it on unchanged, from the sensor to the last output.
 ///
@@ -30,13 +30,15 @@ pub struct Lineage {
     pub missing: Vec<Arc<str>>,
 }
 
-/// A value and, if its source says so, of which message it is (D2).
+/// A value and, if its source says so, of which message it is (D2) and for which one it is meant (D18).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct StampedValue<V> {
     /// The value.
     pub value: V,
     /// The timestamp of the message that it is of, as the reply says; never copied from the request.
     pub of: Option<u64>,
+    /// The timestamp of the message that it is meant for, as the reply says: of a chunk of actions, the action's tick.
+    pub meant_for: Option<u64>,
 }
 
 impl Lineage {
@@ -82,9 +84,16 @@ impl From<Lineage> for Option<Arc<Lineage>> {
     }
 }
 
+impl<V> StampedValue<V> {
+    /// What its source says of it.
+    pub(crate) const fn keys(&self) -> ValueKeys {
+        ValueKeys { of: self.of, meant_for: self.meant_for }
+    }
+}
+
 impl<V> From<V> for StampedValue<V> {
     fn from(value: V) -> Self {
-        Self { value, of: None }
+        Self { value, of: None, meant_for: None }
     }
 }
 

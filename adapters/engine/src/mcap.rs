@@ -11,7 +11,7 @@ use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
 /// What a message holds.
-const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
+const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"for":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
 
 /// The level of zstd: the quickest one, whose files are hardly larger.
 const PACKING: u32 = 1;

@@ -86,7 +86,7 @@ fn forwarded<V>(item: &Item<V>) -> &Forwarded<V> {
 }
 
 fn of(value: &'static str, of: u64) -> StampedValue<&'static str> {
-    StampedValue { value, of: Some(of) }
+    StampedValue { value, of: Some(of), meant_for: None }
 }
 
 #[test]
@@ -186,6 +186,38 @@ fn a_value_of_another_message_is_a_failure() {
     assert_eq!(&*items[0].failures[0].why, "the value is of message 0");
     assert_eq!(items[1].ending, Ending::Missed);
     assert_eq!(run.lines(&["fail", "result"]).len(), 4);
+}
+
+/// D18: a chunk of observation 0 has an action for each tick.
+#[test]
+fn action_meant_for_another_tick_is_a_failure() {
+    let mut run = RecordedEngine::new(Commit::Eager, 3);
+    for t in 0..4 {
+        run.open(t, t, 0);
+    }
+    let action = |meant_for| StampedValue { value: "reach", of: Some(0), meant_for };
+    run.engine.result(10, 0, 1, action(Some(0)));
+    run.engine.result(11, 1, 1, action(Some(3)));
+    run.engine.result(12, 2, 1, action(Some(1)));
+    run.engine.result(13, 3, 1, action(None));
+    run.engine.result(14, 1, 0, "on board");
+    let items = run.items();
+    let sent = items.iter().map(|item| (item.timestamp, forwarded(item).meant_for));
+    assert_eq!(sent.collect::<Vec<_>>(), [(0, Some(0)), (3, None), (1, None)]);
+    assert_eq!(&*items[2].failures[0].why, "the value is meant for message 3");
+    assert_eq!(
+        run.lines(&["result", "emit", "fail"]),
+        [
+            r#"{"ev":"result","at":10,"t":0,"p":1,"of":0,"for":0}"#,
+            r#"{"ev":"emit","at":10,"t":0,"p":1,"of":0,"for":0}"#,
+            r#"{"ev":"fail","at":11,"t":1,"p":1}"#,
+            r#"{"ev":"fail","at":12,"t":2,"p":1}"#,
+            r#"{"ev":"result","at":13,"t":3,"p":1,"of":0}"#,
+            r#"{"ev":"emit","at":13,"t":3,"p":1,"of":0}"#,
+            r#"{"ev":"result","at":14,"t":1,"p":0}"#,
+            r#"{"ev":"emit","at":14,"t":1,"p":0}"#,
+        ]
+    );
 }
 
 /// D2.

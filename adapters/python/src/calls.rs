@@ -8,7 +8,7 @@ mod task;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use fuseline_engine::{Ending, Item};
+use fuseline_engine::{Ending, Item, StampedValue};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -241,7 +241,7 @@ impl PyCalls {
         if !in_flight.contains(t)? {
             return Ok(());
         }
-        let checked = stamped(py, value).and_then(|(value, of)| {
+        let checked = stamped(py, value).and_then(|StampedValue { value, of, meant_for }| {
             let is_plain = task::is_plain(&value);
             if !is_plain {
                 CallClasses::get(py)?.check_result.bind(py).call1((&value,))?;
@@ -252,9 +252,9 @@ impl PyCalls {
             } else {
                 value
             };
-            Ok((value, of))
+            Ok(StampedValue { value, of, meant_for })
         });
-        let (value, of) = match checked {
+        let StampedValue { value, of, meant_for } = match checked {
             Ok(stamped) => stamped,
             Err(error) => {
                 // D7: what cannot be read is a failure.
@@ -277,7 +277,8 @@ impl PyCalls {
         in_flight.del_item(t)?;
         let (now, t) = (self.now(py)?, t.extract()?);
         // Without anything to do nothing is due earlier than before.
-        self.decide(this, now, false, |engine| engine.result(now, t, source.p, value.unbind(), of))
+        let value = StampedValue { value: value.unbind(), of, meant_for };
+        self.decide(this, now, false, |engine| engine.result(now, t, source.p, value))
     }
 
     /// Applies an input, and does what the engine says.
@@ -434,16 +435,18 @@ fn is_unchangeable(value: &Bound<'_, PyAny>) -> bool {
         && !value.is_exact_instance_of::<PyTuple>()
 }
 
-/// A value, and of which message it is, if it says so.
+/// A value with what it says of its message, if it says so.
 fn stamped<'py>(
     py: Python<'py>,
     value: Bound<'py, PyAny>,
-) -> PyResult<(Bound<'py, PyAny>, Option<u64>)> {
+) -> PyResult<StampedValue<Bound<'py, PyAny>>> {
     if task::is_plain(&value) || !value.is_instance(CallClasses::get(py)?.stamped.bind(py))? {
-        return Ok((value, None));
+        return Ok(value.into());
     }
     let of: Option<Number> = value.getattr(intern!(py, "of"))?.extract()?;
-    Ok((value.getattr(intern!(py, "value"))?, of.map(|Number(of)| of)))
+    let meant_for: Option<Number> = value.getattr(intern!(py, "meant_for"))?.extract()?;
+    let [of, meant_for] = [of, meant_for].map(|number| number.map(|Number(t)| t));
+    Ok(StampedValue { value: value.getattr(intern!(py, "value"))?, of, meant_for })
 }
 
 /// As Python divides: the nearest float of the quotient.

@@ -212,16 +212,15 @@ impl PyEngine {
         })
     }
 
-    /// F3: a source's result came; `of` is of which message it is, if it says so.
+    /// F3: a source's result came.
     pub(crate) fn result(
         &self,
         at: u64,
         t: u64,
         p: u16,
-        value: Py<PyAny>,
-        of: Option<u64>,
+        value: StampedValue<Py<PyAny>>,
     ) -> PyResult<Option<EngineEffect>> {
-        self.apply(|inner| inner.result(at, t, p, StampedValue { value, of }))
+        self.apply(|inner| inner.result(at, t, p, value))
     }
 
     /// F4: a source will send no result.

@@ -94,6 +94,35 @@ def test_the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is(
     assert (first.origin, first.of, first.attempt) == ("camera/front", None, None)
 
 
+def test_value_for_another_message_is_a_failure(run: Run[Any], tmp_path: Path) -> None:
+    """D18."""
+    path = tmp_path / "trace.jsonl"
+
+    async def policy(message: int, call: Call) -> int:
+        return (0, 1, 5)[message]
+
+    async def local(message: int, t: int) -> str:
+        return "on board"
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[int, Any] = Operator(local, clock=loop.time_ns, trace=path)
+        operator.use_cloud(
+            policy,
+            lambda message, t: (message, 0.1),
+            lambda tick: StampedValue(f"for {tick}", None, tick),
+            1,
+        )
+        async with operator:
+            operator.feed(range(3))
+            return [item async for item in operator]
+
+    items = run(main)
+    assert [it.value for it in items] == ["for 0", "for 1", "on board"]
+    assert [it.why for it in items[2].failures] == ["the value is meant for message 5"]
+    emits = [it.meant_for for it in Trace(path).lines if it.ev == "emit"]
+    assert emits == [0, 1, None] and not check(path).violations
+
+
 def test_a_lineage_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="without an origin"):
         Lineage(seq=1)
@@ -154,7 +183,7 @@ def test_lineage_goes_with_the_request_and_of_comes_with_the_reply() -> None:
 
     async def infer(payload: bytes, call: Call) -> Any:
         seen.append(call)
-        return StampedValue(b"boxes", 3) if call.lineage else b"boxes"
+        return StampedValue(b"boxes", 3, 7) if call.lineage else b"boxes"
 
     async def main() -> tuple[Any, ...]:
         async with grpc.Server(infer) as server, grpc.Remote(server.url) as remote:
@@ -164,7 +193,7 @@ def test_lineage_goes_with_the_request_and_of_comes_with_the_reply() -> None:
             return stamped, plain, await remote.infer(b"", Call(9, 60.0))
 
     assert asyncio.run(main()) == (
-        StampedValue(b"boxes", 3),
+        StampedValue(b"boxes", 3, 7),
         StampedValue(b"boxes", None),
         b"boxes",
     )

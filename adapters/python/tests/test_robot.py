@@ -89,6 +89,7 @@ def test_a_chunk_is_used_while_it_is_young_and_its_actions_are_for_their_ticks(
     chunk = Chunk(every=5, max_age=12, within=0.02)
     server = HostileServer(2, chunk=20)
     policy = Always(server.connect, Hold(HELD), deadline=0.5, chunk=chunk, trace=trace)
+    sent = 0
     with policy:
         for t in range(2_000):
             action = policy.infer({"t": t})
@@ -97,6 +98,32 @@ def test_a_chunk_is_used_while_it_is_young_and_its_actions_are_for_their_ticks(
             if item.source.name == "remote":
                 assert action["for"] == t and item.of == action["of"]
                 assert t - action["of"] <= 12
+                sent += 1
+    assert not fuseline.check(trace).violations
+    emits = [it for it in fuseline.Trace(trace).lines if it.ev == "emit" and it.p == 1]
+    assert sent > 0 and [it.meant_for for it in emits] == [it.t for it in emits]
+
+
+def test_a_spliced_chunk_does_not_act(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """D18."""
+    action = ArrivedChunk.action
+
+    def spliced(chunk: ArrivedChunk, t: int, max_age: int) -> Any:
+        return action(chunk, t if t < 9 else t + 3, max_age)
+
+    monkeypatch.setattr(ArrivedChunk, "action", spliced)
+    trace = tmp_path / "run.jsonl"
+    chunk = Chunk(every=5, max_age=9_999, within=60.0)
+    server = HostileServer(2, chunk=10_000)
+    with Always(server.connect, Hold(HELD), deadline=0.5, chunk=chunk, trace=trace) as policy:
+        for t in range(10_000):
+            policy.infer({"t": t})
+            assert policy.item is not None and policy.item.source is not None
+            assert t < 9 or policy.item.source.name == "local"
+            if f"the value is meant for message {t + 3}" in [it.why for it in policy.item.failures]:
+                break
+        else:
+            pytest.fail("no chunk came")
     assert not fuseline.check(trace).violations
 
 
@@ -341,7 +368,7 @@ def test_a_chunk_that_skips_nothing_begins_with_its_first_action(run: Run[Any]) 
         await settled()
         planned = [plan.planned(t, None) for t in range(2, 6)]
         # The third would be for tick 5, five after its observation.
-        assert planned == [None, StampedValue("first", 0), StampedValue("second", 0), None]
+        assert planned == [None, StampedValue("first", 0, 3), StampedValue("second", 0, 4), None]
         plan.close()
 
     run(main)
@@ -411,7 +438,7 @@ def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
         remote.answers[0].set_result(actions_of(reply, chunk, lambda *_: None))
         await settled()
         planned = [plan.planned(t, None) for t in range(3)]
-        assert planned == [StampedValue(1.0, 0), StampedValue(2.0, 0), None]
+        assert planned == [StampedValue(1.0, 0, 0), StampedValue(2.0, 0, 1), None]
 
     run(main)
 
@@ -462,7 +489,7 @@ def test_a_blend_is_of_the_oldest_message() -> None:
     plan = ChunkPlan(RemoteThread(HostileServer(0).connect), chunk)
     plan._chunks.extend([ArrivedChunk(0, 0, [0.0] * 9), ArrivedChunk(2, 2, [9.0] * 9)])
     planned = [plan.planned(t, None) for t in range(2, 5)]
-    assert planned == [StampedValue(3.0, 0), StampedValue(6.0, 0), StampedValue(9.0, 2)]
+    assert planned == [StampedValue(3.0, 0, 2), StampedValue(6.0, 0, 3), StampedValue(9.0, 2, 4)]
 
 
 @pytest.mark.parametrize(

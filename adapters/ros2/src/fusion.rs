@@ -5,9 +5,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::{Duration, SystemTime};
 
-use fuseline_engine::{
-    Counting, Ending, Hint, Item, Lineage, Offer, Origin, Reserve, Situation, StampedValue,
-};
+use fuseline_engine::{Counting, Ending, Hint, Item, Lineage, Offer, Origin, Reserve, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
@@ -187,12 +185,12 @@ impl Transport for NodeFusion<'_> {
                 let (input_key, output_key) = (self.input_key, self.output_key);
                 Sent::Call(Box::pin(async move {
                     let requested = input_key.read(&request.body, request.big_endian);
-                    let StampedValue { value, of: replied } = handle(request, call).await?;
-                    let stamp = output_key.read(&value.body, value.big_endian);
+                    let mut reply = handle(request, call).await?;
+                    let stamp = output_key.read(&reply.value.body, reply.value.big_endian);
                     // D2: what the reply says of itself, by its stamp if not in words.
                     let is_same = stamp.is_ok() && stamp == requested;
-                    let of = replied.or_else(|| is_same.then_some(timestamp));
-                    Ok(StampedValue { value, of })
+                    reply.of = reply.of.or_else(|| is_same.then_some(timestamp));
+                    Ok(reply)
                 }))
             }
         }

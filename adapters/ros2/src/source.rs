@@ -115,9 +115,9 @@ pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
         };
         let reply = infer(request, call);
         Box::pin(async move {
-            let grpc::Reply { payload, of } = reply.await?;
+            let grpc::Reply { payload, of, meant_for } = reply.await?;
             let value = Payload::from_serialized(&payload).ok_or(NotCdr)?;
-            Ok(StampedValue { value, of })
+            Ok(StampedValue { value, of, meant_for })
         })
     }))
 }
@@ -204,7 +204,8 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("https://localhost:{}", listener.local_addr().unwrap().port());
         let echo = |request: grpc::Request| {
-            ready(Ok(grpc::Reply { payload: request.payload, of: Some(request.timestamp) }))
+            let (payload, of) = (request.payload, Some(request.timestamp));
+            ready(Ok(grpc::Reply { payload, of, ..grpc::Reply::default() }))
         };
         let server = grpc::serve(echo, secrets.server.clone(), listener, std::future::pending());
         let server = tokio::spawn(server);

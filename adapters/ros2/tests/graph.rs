@@ -173,7 +173,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let (asked, mut requests) = tokio::sync::mpsc::unbounded_channel();
     let infer = move |request: grpc::Request| {
         let _ = asked.send(request.lineage);
-        ready(Ok(grpc::Reply { payload: point_for(&request.payload), of: None }))
+        ready(Ok(grpc::Reply { payload: point_for(&request.payload), ..grpc::Reply::default() }))
     };
     let until = async { drop(ended.await) };
     let server = tokio::spawn(grpc::serve(infer, Server::default(), listener, until));

@@ -181,7 +181,7 @@ impl PlayedAction {
         match self {
             Self::Answers(ms, of) => {
                 sleep(Duration::from_millis(ms)).await;
-                Ok(StampedValue { value, of })
+                Ok(StampedValue { value, of, meant_for: None })
             }
             Self::Fails(ms) => {
                 sleep(Duration::from_millis(ms)).await;

@@ -117,6 +117,7 @@ mod tests {
             arrived: Duration::ZERO,
             trigger: Trigger::Arrival,
             of: None,
+            meant_for: None,
         };
         let endings = [
             (0, Ending::Preliminary(of(0, "local's of 0"))),

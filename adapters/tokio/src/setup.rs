@@ -95,7 +95,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
     ///
     /// `response_handler` reads that from the reply, as the field `of` of the output: never the timestamp of the call, which a
     /// mixed up reply does not know. A value of another message than [`Cloud::max_age`] allows is a failure (F4). Of a blend
-    /// of values it is the oldest's.
+    /// of values it is the oldest's. A reply may also say for which message it is meant, in the field `meant_for`: a value
+    /// that is meant for another message is a failure too (D18).
     pub fn use_stamped_cloud<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,

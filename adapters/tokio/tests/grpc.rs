@@ -81,8 +81,8 @@ impl Operator for StampedVehicle {
             Some((Request { timestamp, ..Request::default() }, Duration::from_secs(20)))
         };
         let response_handler = |reply: Reply| {
-            let StampedValue { value, of } = reply.stamped();
-            Ok(StampedValue { value: value.to_vec(), of })
+            let StampedValue { value, of, meant_for } = reply.stamped();
+            Ok(StampedValue { value: value.to_vec(), of, meant_for })
         };
         let handle = grpc::infer(self.0.connect().unwrap());
         setup.use_stamped_cloud(handle, message_handler, response_handler, 1);
@@ -471,7 +471,7 @@ fn an_old_peer_is_read_and_reads_what_it_knows() {
     assert_eq!(request, Request { timestamp: 7, payload: b"x".as_slice().into(), lineage: None });
     assert_eq!(request.encode_to_vec(), [8, 7, 18, 1, b'x']);
     let reply = Reply::decode(&[10, 1, b'y'][..]).unwrap();
-    assert_eq!(reply, Reply { payload: b"y".as_slice().into(), of: None });
+    assert_eq!(reply, Reply { payload: b"y".as_slice().into(), ..Reply::default() });
     assert_eq!(reply.encode_to_vec(), [10, 1, b'y']);
 }
 
@@ -483,7 +483,8 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     // It answers the second request with what it has of the first.
     let server = move |request: Request| {
         log.with(|seen: &mut Vec<Request>| seen.push(request));
-        ready(Ok(Reply { payload: b"boxes".as_slice().into(), of: Some(0) }))
+        let (payload, meant_for) = (b"boxes".as_slice().into(), Some(0));
+        ready(Ok(Reply { payload, of: Some(0), meant_for }))
     };
     let server = Cloud::start("127.0.0.1:0", Server::default(), server);
     let (mut camera, frames) = stream(4);
@@ -496,9 +497,10 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
         camera.write_with(Vec::new(), lineage).unwrap();
         let item = output.read().await.unwrap();
         let forwarded = Item::forwarded(&item).unwrap().clone();
-        received.push((forwarded.value, forwarded.of));
+        received.push((forwarded.value, forwarded.of, forwarded.meant_for));
     }
-    assert_eq!(received, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
+    let expected = [(b"boxes".to_vec(), Some(0), Some(0)), (b"local".to_vec(), None, None)];
+    assert_eq!(received, expected);
     let requests = seen.with(|seen| seen.clone());
     let sent = requests[0].lineage.clone().unwrap();
     assert_eq!((sent.origin.as_deref(), sent.seq), (Some("camera/front"), Some(41)));
@@ -523,7 +525,7 @@ async fn a_requests_own_lineage_is_sent_as_it_is() {
     let sent = own.clone();
     let server = move |request: Request| {
         let of = (request.lineage.as_ref() == Some(&sent)).then_some(request.timestamp);
-        ready(Ok(Reply { payload: request.payload, of }))
+        ready(Ok(Reply { payload: request.payload, of, meant_for: None }))
     };
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), server);
     let counting = Engine::<(), ()>::new(EngineConfig::default()).unwrap().counts();
@@ -563,10 +565,11 @@ fn the_messages_are_those_of_the_proto_file() {
     assert_eq!(fields[0], Value::String("camera/front".into()));
     assert_eq!(fields[1..], numbers);
     assert!(lineage.has_field_by_name("seq") && lineage.unknown_fields().count() == 0);
-    let reply = Reply { payload: payload.clone(), of: Some(0) };
+    let reply = Reply { payload: payload.clone(), of: Some(0), meant_for: Some(0) };
     let reply = decode("fuseline.v1.Reply", &reply.encode_to_vec());
     assert_eq!(*reply.get_field_by_name("payload").unwrap(), Value::Bytes(payload));
-    assert!(reply.has_field_by_name("of") && reply.unknown_fields().count() == 0);
+    let has_all = ["of", "meant_for"].iter().all(|name| reply.has_field_by_name(name));
+    assert!(has_all && reply.unknown_fields().count() == 0);
     let logged = Description {
         model: "M".into(),
         runtime_ms: Some(1.5),

@@ -129,8 +129,9 @@ async fn a_stamped_cloud_says_of_which_message_its_value_is_and_one_that_is_too_
                 Ok::<_, Error>(replies[late])
             }
         };
-        let response_handler =
-            |reply: u64| Ok(StampedValue { value: format!("of {reply}"), of: Some(reply) });
+        let response_handler = |reply: u64| {
+            Ok(StampedValue { value: format!("of {reply}"), of: Some(reply), meant_for: None })
+        };
         let message_handler = |frame: &u64, _| Some((*frame, 100 * MS));
         let cloud = setup.use_stamped_cloud(handle, message_handler, response_handler, 1);
         cloud.max_age = 1;
@@ -159,4 +160,37 @@ async fn a_stamped_cloud_says_of_which_message_its_value_is_and_one_that_is_too_
     assert!(header.contains(r#""max_age":1"#), "{header}");
     assert!(trace.contains(r#"{"ev":"emit","at":12000000,"t":1,"p":1,"of":0}"#), "{trace}");
     assert!(trace.contains(r#"{"ev":"fail","at":"#), "{trace}");
+}
+
+/// D18: a policy on a server replies with the action for another tick.
+#[tokio::test(start_paused = true)]
+async fn spliced_action_is_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let (config, path) = config("policy", folder.path());
+    let policy = ClosureOperator(|setup: &mut fuseline_tokio::Setup<u64, String>| {
+        let handle =
+            |tick: u64, _: Call| async move { Ok::<_, Error>(if tick == 2 { 9 } else { tick }) };
+        let response_handler = |tick: u64| {
+            let meant_for = (tick != 3).then_some(tick);
+            Ok(StampedValue { value: format!("for {tick}"), of: None, meant_for })
+        };
+        let message_handler = |tick: &u64, _| Some((*tick, 100 * MS));
+        setup.use_stamped_cloud(handle, message_handler, response_handler, 1);
+        Local::futures(9, |_, _| async { Ok("on board".into()) })
+    });
+    let (mut ticks, messages) = stream(8);
+    let (running, mut output) = spawn(policy, config, messages).unwrap();
+    let mut sent = Vec::new();
+    for tick in 0..4 {
+        ticks.write(tick).unwrap();
+        let item = output.read().await.unwrap();
+        sent.push((item.value().unwrap().clone(), item.failures.len()));
+    }
+    drop(ticks);
+    let expected = [("for 0", 0), ("for 1", 0), ("on board", 1), ("for 3", 0)];
+    assert_eq!(sent, expected.map(|(value, failures)| (value.to_owned(), failures)));
+    let trace = trace(running, &path).await;
+    let said = |line: &&str| line.contains(r#""emit""#) && line.contains(r#""for":"#);
+    let emits: Vec<_> = trace.lines().filter(said).collect();
+    assert!(emits.len() == 2 && emits[1].ends_with(r#""t":1,"p":1,"for":1}"#), "{trace}");
 }

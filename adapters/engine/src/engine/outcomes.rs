@@ -312,8 +312,8 @@ impl<V, R> Engine<V, R> {
         }
         let source = self.sources[index].source.clone();
         let arrived = Duration::from_nanos(held.arrived);
-        let StampedValue { value, of } = held.value;
-        Some((index, Forwarded { value, source, arrived, trigger, of }))
+        let StampedValue { value, of, meant_for } = held.value;
+        Some((index, Forwarded { value, source, arrived, trigger, of, meant_for }))
     }
 
     /// Cancels the requests that the output outranks (F7, F9).

@@ -7,6 +7,7 @@ import inspect
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fuseline._errors import CallError, ConfigError, in_one_line
@@ -56,14 +57,15 @@ def fade(ticks: int, max_jump: float | None = None) -> Blend:
 
 
 class ArrivedChunk:
-    """A chunk's actions, of the observation of tick ``of``, and the tick that the first is for."""
+    """A chunk's actions, of the observation of tick ``of``, each with the tick that it is for."""
 
     def __init__(self, of: int, first: int, actions: Sequence[Any]) -> None:
-        self.of, self.first, self.actions = of, first, actions
+        self.of, self.first = of, first
+        self.actions = [StampedValue(it, of, tick) for tick, it in enumerate(actions, first)]
         #: The tick at which one of them was planned first.
         self.begun: int | None = None
 
-    def action(self, t: int, max_age: int) -> Any:
+    def action(self, t: int, max_age: int) -> StampedValue[Any] | None:
         """What it has for a tick, unless that would be too old."""
         place = t - self.first
         if 0 <= place < len(self.actions) and 0 <= t - self.of <= max_age:
@@ -134,23 +136,24 @@ class ChunkPlan:
         """The action of a tick, if a chunk has one that is not too old."""
         max_age = self.chunk.max_age
         has = [(it, it.action(t, max_age)) for it in self._chunks]
-        has = [(it, action) for it, action in has if action is not None]
-        if not has:
+        planned = [(it, action) for it, action in has if action is not None]
+        if not planned:
             return None
-        later, action = has[-1]
-        if later.begun is None:
-            later.begun = t
-        of = later.of
-        if self.chunk.blend is not None:
-            earlier = has[0] if len(has) > 1 else None
-            age = t - later.begun
-            blended = self.chunk.blend(earlier and earlier[1], action, age, last)
-            # Of a blend the oldest message's (D2); what nothing was changed of is of its own.
-            if earlier is not None and _differs(blended, action):
-                of = earlier[0].of
-            action = blended
-            self._check(action)
-        return StampedValue(action, of)
+        chunk, later = planned[-1]
+        if chunk.begun is None:
+            chunk.begun = t
+        if self.chunk.blend is None:
+            return later
+        earlier = planned[0][1] if len(planned) > 1 else None
+        age = t - chunk.begun
+        action = self.chunk.blend(earlier and earlier.value, later.value, age, last)
+        self._check(action)
+        # What nothing was changed of is of its own message; a blend is of the oldest (D2).
+        if earlier is None or not _differs(action, later.value):
+            return replace(later, value=action)
+        # A blend is meant for this tick only if both actions are (D18).
+        meant_for = later.meant_for if earlier.meant_for == t else earlier.meant_for
+        return StampedValue(action, earlier.of, meant_for)
 
     def clear(self) -> None:
         """Forgets all actions, also those of a chunk that is under way."""

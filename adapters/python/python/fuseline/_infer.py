@@ -45,7 +45,7 @@ def _messages() -> tuple[Any, Any, Any]:
     )
     messages = {
         "Request": ["uint64 timestamp", "bytes payload", "Lineage lineage"],
-        "Reply": ["bytes payload", "optional uint64 of"],
+        "Reply": ["bytes payload", "optional uint64 of", "optional uint64 meant_for"],
         "Lineage": [
             "optional string origin",
             "optional uint64 seq",

@@ -147,10 +147,10 @@ def fields_of(lineage: Lineage | None) -> _Fields | None:
 
 @dataclass(frozen=True, slots=True)
 class StampedValue(Generic[V]):
-    """Holds a value whose source says of which message it is (D2).
+    """Holds a value whose source says of which message it is (D2) and for which it is meant (D18).
 
     A response handler may return it. A value of another message than its cloud's ``max_age`` allows
-    is a failure.
+    is a failure, and so is a value that is meant for another message.
     """
 
     #: The value.
@@ -158,11 +158,15 @@ class StampedValue(Generic[V]):
     #: The timestamp of the message that it is of, as the reply says; of several, the oldest's.
     #: Never copied from the call.
     of: int | None
+    #: The timestamp of the message that it is meant for, as the reply says: of a chunk of actions,
+    #: the action's tick.
+    meant_for: int | None = None
 
     def __post_init__(self) -> None:
-        of = self.of
-        if of is not None and (isinstance(of, bool) or not hasattr(of, "__index__")):
-            raise TypeError(f"a value of {of!r}; give the timestamp in the reply, an int, or None")
+        for word, t in (("of", self.of), ("for", self.meant_for)):
+            if t is not None and (isinstance(t, bool) or not hasattr(t, "__index__")):
+                remedy = "give the timestamp in the reply, an int, or None"
+                raise TypeError(f"a value {word} {t!r}; {remedy}")
 
 
 @dataclass(frozen=True, slots=True, init=False)

@@ -74,8 +74,12 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
                 reply = self._stub.GetActions(self._messages.Empty())
                 actions = self._pickle.loads(reply.data) if reply.data else []
                 # Without an observation a server answers with nothing.
-                if actions and actions[0].get_timestep() == step:
-                    return [action.get_action() for action in actions]
+                meant_for = [action.get_timestep() for action in actions]
+                if not meant_for or meant_for[0] != step:
+                    continue
+                if meant_for != list(range(step, step + len(actions))):
+                    raise ValueError(f"a chunk for the steps {meant_for}, which are not in a row")
+                return [action.get_action() for action in actions]
 
         def close(self) -> None:
             self._channel.close()

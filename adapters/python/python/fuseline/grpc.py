@@ -160,7 +160,7 @@ class Remote:
         return (await self.infer_stamped(payload, call)).value
 
     async def infer_stamped(self, payload: bytes, call: Call) -> StampedValue[bytes]:
-        """Does the same, and returns a `StampedValue` if the reply says of which message it is.
+        """Does the same, and returns what the reply says of its message in a `StampedValue`.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -179,7 +179,10 @@ class Remote:
                 if value is not None:
                     setattr(request.lineage, name, value)
         reply = await self._call("Infer", request, REPLY, call.deadline)
-        return StampedValue(bytes(reply.payload), reply.of if reply.HasField("of") else None)
+        of, meant_for = (
+            getattr(reply, name) if reply.HasField(name) else None for name in ("of", "meant_for")
+        )
+        return StampedValue(bytes(reply.payload), of, meant_for)
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
         """Returns what the cloud serves, or None if it does not say.
@@ -384,7 +387,7 @@ class Server:
             value = await self._infer(request.payload, call)
             check_read(value, "infer of the server")
             if isinstance(value, StampedValue):
-                return REPLY(payload=value.value, of=value.of)
+                return REPLY(payload=value.value, of=value.of, meant_for=value.meant_for)
             return REPLY(payload=value)
         except asyncio.CancelledError:
             raise

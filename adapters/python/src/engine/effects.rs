@@ -59,7 +59,7 @@ impl Effects {
         let is_preliminary = matches!(ending, Ending::Preliminary(_));
         let item = match ending {
             Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => {
-                let Forwarded { value, source, arrived, trigger, of: _ } = forwarded;
+                let Forwarded { value, source, arrived, trigger, .. } = forwarded;
                 let (source, arrived) = (self.source(py, &source)?, nanos(arrived));
                 let trigger = match trigger {
                     Trigger::Arrival => &classes.arrival,

@@ -102,7 +102,7 @@ impl NodeFusion<'_> {
             priority: source.priority,
             timestamp,
             // D2: the stamp is the result's own.
-            result: Ok(StampedValue { value: payload, of: Some(timestamp) }),
+            result: Ok(StampedValue { value: payload, of: Some(timestamp), meant_for: None }),
         }))
     }
 

@@ -307,7 +307,8 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let source = shared::Source { priority: 1, name: "west".into() };
     let value = Payload { big_endian: false, body: bytes::Bytes::new() };
     let arrived = ms(30);
-    let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival, of: None };
+    let forwarded =
+        Forwarded { value, source, arrived, trigger: Trigger::Arrival, of: None, meant_for: None };
     let preliminary = of(Ending::Preliminary(forwarded.clone()));
     assert_eq!((preliminary.level, &*preliminary.message), (OK, "west, preliminary"));
     let last = of(Ending::Final(forwarded.source.clone()));

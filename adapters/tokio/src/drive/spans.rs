@@ -50,6 +50,7 @@ impl MessageSpans {
             fuseline.took = Empty,
             fuseline.by = Empty,
             fuseline.of = Empty,
+            fuseline.for = Empty,
             fuseline.ended = Empty,
             otel.status_code = Empty,
         );
@@ -74,6 +75,7 @@ impl MessageSpans {
             fuseline.p = i64::from(priority),
             fuseline.deadline = is_remote.then(|| nanos(deadline)),
             fuseline.of = Empty,
+            fuseline.for = Empty,
             fuseline.ended = Empty,
             otel.kind = if is_remote { "client" } else { "internal" },
             otel.status_code = Empty,
@@ -114,9 +116,10 @@ impl MessageSpans {
         // A span ends with the last one below it, and local may compute on.
         span.record("fuseline.took", nanos(item.took()));
         match &item.ending {
-            Ending::Forwarded(Forwarded { source, of, .. }) => {
+            Ending::Forwarded(Forwarded { source, of, meant_for, .. }) => {
                 span.record("fuseline.by", i64::from(source.priority));
                 span.record("fuseline.of", of.map(int));
+                span.record("fuseline.for", meant_for.map(int));
             }
             Ending::Final(source) => {
                 span.record("fuseline.by", i64::from(source.priority));
@@ -153,6 +156,7 @@ impl TracedCall {
             (Ok(value), Some(call)) => {
                 call.has_ended = true;
                 call.span.record("fuseline.of", value.of.map(int));
+                call.span.record("fuseline.for", value.meant_for.map(int));
             }
             (Ok(_), None) => {}
             (Err(_), _) => self.fail(),

@@ -66,6 +66,9 @@ pub struct Reply {
     /// The timestamp of the message that was computed, if the cloud says so; of several, the oldest's.
     #[prost(uint64, optional, tag = "2")]
     pub of: Option<u64>,
+    /// The timestamp of the message that it is meant for, if the cloud says so: of a chunk of actions, the action's tick.
+    #[prost(uint64, optional, tag = "3")]
+    pub meant_for: Option<u64>,
 }
 
 /// What a cloud says it serves.
@@ -117,7 +120,8 @@ impl Reply {
     /// [stamped cloud's](crate::Setup::use_stamped_cloud) response handler returns it.
     #[must_use]
     pub fn stamped(self) -> StampedValue<Bytes> {
-        StampedValue { value: self.payload, of: self.of }
+        let Self { payload, of, meant_for } = self;
+        StampedValue { value: payload, of, meant_for }
     }
 }
 

@@ -51,7 +51,8 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     match whole {
         Some((Some(request), [])) => {
             let expected =
-                Reply { payload: request.payload, of: Some(request.timestamp) }.encode_to_vec();
+                Reply { payload: request.payload, of: Some(request.timestamp), ..Reply::default() }
+                    .encode_to_vec();
             let replied = split(&replied).filter(|(_, rest)| rest.is_empty());
             if code != Code::Ok || replied.is_none_or(|(message, _)| message != expected) {
                 return Err(format!("{code:?}, {replied:?} to {body:?}"));
@@ -92,7 +93,11 @@ struct Echo;
 
 impl Infer for Echo {
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
-        ready(Ok(Reply { payload: request.payload, of: Some(request.timestamp) }))
+        ready(Ok(Reply {
+            payload: request.payload,
+            of: Some(request.timestamp),
+            ..Reply::default()
+        }))
     }
 
     fn describe(&self) -> Option<Description> {

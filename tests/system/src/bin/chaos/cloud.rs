@@ -61,7 +61,7 @@ pub(crate) async fn cloud(args: Args) -> Result<(), Error> {
             sleep(WORK + late).await;
             let mut payload = BytesMut::from(&request.payload[..]);
             payload.put_u64(number);
-            Ok(Reply { payload: payload.freeze(), of: Some(request.timestamp) })
+            Ok(Reply { payload: payload.freeze(), of: Some(request.timestamp), ..Reply::default() })
         }
     };
     let listener = TcpListener::bind(args.listen).await?;
