@@ -7,7 +7,7 @@ use fuseline_traces::observed::{
 };
 use fuseline_traces::{
     Annotations, Cloud, Commit, Decision, DoubtKind, DropReason, Event, Header, HeaderAnnotations,
-    Input, OpenRefusal, Reference, Rule,
+    Input, OpenRefusal, Reference, Rule, ValueKeys,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -96,9 +96,8 @@ fn the_traces_break_the_rules_of_further_keys_too() {
         let verdict = judged(&terms, &events).expect("it is in order");
         broken.extend(verdict.violations.iter().map(|found| found.rule));
     }
-    for rule in
-        [BrokenRule::Rule(Rule::D2), BrokenRule::J2, BrokenRule::P7, BrokenRule::Rule(Rule::F2)]
-    {
+    let machine = [Rule::D2, Rule::D18, Rule::F2].map(BrokenRule::Rule);
+    for rule in machine.into_iter().chain([BrokenRule::J2, BrokenRule::P7]) {
         assert!(broken.contains(&rule), "{rule} in {broken:?}");
     }
 }
@@ -186,11 +185,18 @@ fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
 }
 
+/// An output: instant, line.
+type OutputLine = (u64, usize);
+/// The lines of a timestamp.
+type TimestampLines = (Opens, Refusals, Vec<OutputLine>);
+/// A timestamp, the instants of its accepted opens, and its first output.
+type OpenedTimestamp = (u64, Vec<u64>, Option<OutputLine>);
+
 /// Returns, for each accepted open, its timestamp, the number of others that were certainly open then, and
 /// the number that may have been (P9). Only outputs that came in time count.
 fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
     let (twice, reach) = (2 * terms.own.tolerance, 2 * terms.own.tolerance + terms.own.lateness);
-    let mut by_t: BTreeMap<u64, (Opens, Refusals, Vec<(u64, usize)>)> = BTreeMap::new();
+    let mut by_t: BTreeMap<u64, TimestampLines> = BTreeMap::new();
     for (i, (event, _)) in events.iter().enumerate() {
         match *event {
             Event::Input(Input::Open { at, t, deadline }) => {
@@ -207,7 +213,7 @@ fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
             _ => {}
         }
     }
-    let opened: Vec<(u64, Vec<u64>, Option<(u64, usize)>)> = by_t
+    let opened: Vec<OpenedTimestamp> = by_t
         .into_iter()
         .map(|(t, (opens, refusals, out))| {
             let opens = accepted(reach, &opens, &refusals);
@@ -273,28 +279,30 @@ fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)>
     failed
 }
 
-/// Returns `true` if an output may not have the value that it names, or that the results name (D2).
+/// Returns `true` if an output may not have the value that it names, or that the results name (D2, D18).
 fn is_value_wrong(
     terms: &Terms,
     t: u64,
-    output: (u64, u64, Option<u64>),
+    (p, at, value): (u64, u64, ValueKeys),
     came: &[ResultLine],
 ) -> bool {
-    let (p, at, of) = output;
     let by = at + terms.own.tolerance + terms.slack.tolerance_of(p);
     let results: Vec<_> = came.iter().filter(|came| came.0 == p && came.1 <= by).collect();
-    let all_say = !results.is_empty() && results.iter().all(|came| came.2.is_some());
-    let latest = results.iter().filter_map(|came| came.2).max().filter(|_| all_say);
+    let all_say = !results.is_empty() && results.iter().all(|came| came.2.of.is_some());
+    let latest = results.iter().filter_map(|came| came.2.of).max().filter(|_| all_say);
     let (first, last) = terms.header.values_of(t, p);
-    match (of, latest) {
+    let is_of_another = match (value.of, latest) {
         (None, None) => false,
         (None, Some(latest)) => latest < first || latest > last,
         (Some(of), latest) => of < first || of > last || latest.is_some_and(|it| of > it),
-    }
+    };
+    let is_for_another = |value: &ValueKeys| value.meant_for.is_some_and(|it| it != t);
+    let are_all = !results.is_empty() && results.iter().all(|came| is_for_another(&came.2));
+    is_of_another || is_for_another(&value) || are_all
 }
 
-/// A result: source, instant, and whose value it is.
-type ResultLine = (u64, u64, Option<u64>);
+/// A result: source, instant, and what it says of its value.
+type ResultLine = (u64, u64, ValueKeys);
 
 fn fate(
     terms: &Terms,
@@ -311,12 +319,12 @@ fn fate(
     let (mut requests, mut results, mut failures) = (vec![], Vec::<ResultLine>::new(), vec![]);
     let mut sent = vec![];
     for (i, ((event, annotations), records_opens)) in events.iter().enumerate() {
-        let Annotations { of, attempt, .. } = *annotations;
+        let (value, attempt) = (annotations.value(), annotations.attempt);
         match *event {
             Event::Input(Input::Open { at, deadline, .. }) => {
                 opens.push((at, (deadline, annotations.due(at))));
             }
-            Event::Input(Input::Result { at, p, .. }) => results.push((p, at, of)),
+            Event::Input(Input::Result { at, p, .. }) => results.push((p, at, value)),
             Event::Input(Input::Fail { at, p, .. }) => failures.push((p, at, attempt)),
             Event::Decision(Decision::Request { at, p, due, .. }) => {
                 is_stranger |= p == 0 || p > 2;
@@ -333,7 +341,7 @@ fn fate(
             }
             Event::Decision(Decision::Emit { at, p, .. }) => {
                 story.outputs.push((Some(p), at));
-                sent.push((p, at, of));
+                sent.push((p, at, value));
             }
             Event::Decision(Decision::Miss { at, .. }) => story.outputs.push((None, at)),
             Event::Decision(Decision::Final { at, p, .. }) => story.finals.push((p, at)),
@@ -478,6 +486,11 @@ fn annotations(event: &Event, odd: u8) -> Annotations {
                 7 if odd > 20 => Some(t.saturating_sub(2)),
                 _ => None,
             };
+            annotations.meant_for = match odd % 8 {
+                3 => Some(*t),
+                6 if odd > 20 => Some(t + 1),
+                _ => None,
+            };
         }
         Event::Input(Input::Fail { p, .. }) if *p > 0 && odd % 4 > 1 => {
             annotations.attempt = Some(odd % 2);
@@ -616,9 +629,16 @@ fn number() -> impl Strategy<Value = u64> {
 
 fn any_annotations() -> impl Strategy<Value = Annotations> {
     let n = || option::weighted(0.3, number());
-    (n(), option::weighted(0.3, 0..3_u8), n(), n()).prop_map(|(of, attempt, within, age)| {
-        Annotations { of, attempt, within, age, ..Annotations::NONE }
-    })
+    (n(), n(), option::weighted(0.3, 0..3_u8), n(), n()).prop_map(
+        |(of, meant_for, attempt, within, age)| Annotations {
+            of,
+            meant_for,
+            attempt,
+            within,
+            age,
+            ..Annotations::NONE
+        },
+    )
 }
 
 fn event() -> impl Strategy<Value = Event> {
