@@ -130,6 +130,39 @@ fn a_spliced_chunk_breaks_d18() {
     assert_eq!(judged(&without), (Vec::new(), Some(0)));
 }
 
+/// D18: a robot's log says for which step an action was computed, in a column of its own.
+#[test]
+fn a_log_with_a_spliced_chunk_breaks_d18() {
+    let log = |splice: u64| {
+        let rows = (1..=4_u64).flat_map(|t| {
+            let (sent, step) = (t * 33_000, if t < 3 { t } else { t + splice });
+            let came = sent + 5_000;
+            [
+                format!("{sent},open,{t},,,,"),
+                format!("{sent},request,{t},policy,30000,,"),
+                format!("{came},result,{t},policy,,0,{step}"),
+                format!("{came},emit,{t},policy,,,"),
+            ]
+        });
+        let rows = rows.collect::<Vec<_>>().join("\n");
+        format!("at,ev,t,p,deadline,observation,step\n{rows}\n")
+    };
+    let folder = tempdir().unwrap();
+    let header = folder.path().join("header.jsonl");
+    std::fs::write(&header, format!("{WITH_CHUNKS}\n")).unwrap();
+    let header = header.to_str().unwrap();
+    let judged = |splice: u64, columns: &str| {
+        let command = ["convert", "--from", "csv", "--header", header, "--unit", "us", "-"];
+        let converted = run(&[&command[..], &["--column", columns]].concat(), &log(splice));
+        assert_eq!(converted.status.code(), Some(0), "{}", err(&converted));
+        let checked = run(&OBSERVED, out(&converted));
+        (out(&checked).matches("D18").count(), checked.status.code())
+    };
+    assert_eq!(judged(12, "of=observation,for=step"), (2, Some(1)));
+    assert_eq!(judged(0, "of=observation,for=step"), (0, Some(0)));
+    assert_eq!(judged(12, "of=observation"), (0, Some(0)));
+}
+
 const WITH_CHUNKS: &str = concat!(
     r#"{"fuseline":1,"window":16,"local":"none","#,
     r#""clouds":[{"p":1,"name":"policy","limit":8,"max_age":30}]}"#

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::common::drawn::DrawnTrace;
 use crate::common::recount::{RecountedCall, RecountedEnd, RecountedSpan};
 use crate::common::{err, out, run};
-use fuseline_traces::{Annotations, Decision, Event, Input};
+use fuseline_traces::{Annotations, Decision, Event, Input, ValueKeys};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
@@ -196,8 +196,8 @@ fn perfetto_shows_each_call_and_each_decision_of_several_traces_once() {
     assert_eq!(events.len(), expected.len());
     // What has no place there is noted, of each trace that has such keys.
     let has_more = |(_, annotations): &(Event, Annotations)| {
-        let Annotations { of, attempt, within, .. } = annotations;
-        of.is_some() || attempt.is_some() || within.is_some()
+        let Annotations { attempt, within, .. } = annotations;
+        !annotations.value().is_empty() || attempt.is_some() || within.is_some()
     };
     let with_more =
         traces.iter().zip(&files).filter(|(trace, _)| trace.events.iter().any(has_more));
@@ -234,7 +234,7 @@ fn recounted_for_otlp(trace: &DrawnTrace) -> Vec<(String, Vec<String>)> {
     let spans = messages.iter().map(|message| {
         let RecountedSpan { t, opened, deadline, annotations, by, sent, end, .. } = message;
         let Annotations { within, age, origin, .. } = annotations;
-        let of = end.and_then(|(_, of)| of);
+        let ValueKeys { of, meant_for } = end.map(|(_, value)| value).unwrap_or_default();
         let end_at = end.map(|(at, _)| at);
         let took = sent.filter(|sent| Some(*sent) != end_at).map(|sent| sent - opened);
         let attributes = vec![
@@ -247,6 +247,7 @@ fn recounted_for_otlp(trace: &DrawnTrace) -> Vec<(String, Vec<String>)> {
             ("fuseline.took", number(took)),
             ("fuseline.by", number(*by)),
             ("fuseline.of", number(of)),
+            ("fuseline.for", number(meant_for)),
         ];
         let code = if end.is_some() && by.is_none() { 2 } else { 1 };
         let times = [*opened, end.map_or(0, |(at, _)| at)];
@@ -274,8 +275,10 @@ fn of_call(trace: &DrawnTrace, call: &RecountedCall) -> String {
         None => (0, 0),
         Some((at, end)) => {
             let (code, ended) = match end {
-                RecountedEnd::Result(of) => {
+                RecountedEnd::Result(ValueKeys { of, meant_for }) => {
                     attributes.push(("fuseline.of", json!(of.map(|of| of.to_string()))));
+                    let meant = json!(meant_for.map(|it| it.to_string()));
+                    attributes.push(("fuseline.for", meant));
                     (1, None)
                 }
                 RecountedEnd::Failure => (2, None),

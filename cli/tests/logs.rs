@@ -364,16 +364,18 @@ fn source_of_an_output_is_guessed_or_refused() {
 #[test]
 fn keys_of_a_trace_are_read_where_they_are_named() {
     let log = "{\"at\":0,\"ev\":\"open\",\"t\":1,\"seq\":9,\"age\":3,\"within\":8}\n\
-               {\"at\":5,\"ev\":\"result\",\"t\":1,\"p\":0,\"of\":1}\n{\"at\":5,\"ev\":\"emit\",\"t\":1,\"p\":0}\n";
+               {\"at\":5,\"ev\":\"result\",\"t\":1,\"p\":0,\"of\":1,\"for\":1}\n\
+               {\"at\":5,\"ev\":\"emit\",\"t\":1,\"p\":0}\n";
     let (events, notes) = noted(log, "log.jsonl", &[]);
     assert_eq!(events[0], json!({"ev": "open", "at": 0, "t": 1}));
-    for key in ["of", "within"] {
+    for key in ["of", "for", "within"] {
         let note = format!("values of the key \"{key}\", which no --column names: 1 (line ");
         assert!(notes.contains(&note), "{notes}");
     }
-    let (events, notes) = noted(log, "log.jsonl", &["--column", "of=of,within=within,age=age"]);
+    let (events, notes) =
+        noted(log, "log.jsonl", &["--column", "of=of,for=for,within=within,age=age"]);
     assert_eq!(events[0], json!({"ev": "open", "at": 0, "t": 1, "within": 8, "age": 3}));
-    assert_eq!((&events[1]["of"], &*notes), (&1.into(), ""));
+    assert_eq!((&events[1]["of"], &events[1]["for"], &*notes), (&1.into(), &1.into(), ""));
 }
 
 #[test]

@@ -143,16 +143,17 @@ fn attributes_are_named_by_options() {
         ("peer", json!({"stringValue": "infer.Model/Infer"})),
         ("budget", json!({"stringValue": "25ms"})),
         ("reply.of", json!({"intValue": 76})),
+        ("reply.for", json!({"intValue": 77})),
     ]);
     let spans =
         [span("1", "", "decide", 1, [1, 9], &frame), span("a", "1", "POST", 3, [1, 8], &call)];
-    let names = "t=frame.id,by=used,p=peer,deadline=budget,of=reply.of";
+    let names = "t=frame.id,by=used,p=peer,deadline=budget,of=reply.of,for=reply.for";
     assert_eq!(
         events(&spans, &["--attribute", names]),
         [
             r#"{"ev":"open","at":1000000,"t":77}"#,
             r#"{"ev":"request","at":1000000,"t":77,"p":1,"due":26000000}"#,
-            r#"{"ev":"result","at":8000000,"t":77,"p":1,"of":76}"#,
+            r#"{"ev":"result","at":8000000,"t":77,"p":1,"of":76,"for":77}"#,
             r#"{"ev":"emit","at":9000000,"t":77,"p":1}"#,
         ]
     );

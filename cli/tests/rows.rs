@@ -57,13 +57,14 @@ fn an_error_names_the_line_of_its_row_whatever_ends_the_lines() {
 }
 
 /// The keys of events that a file may have, and whether each is a time.
-const KEYS: [(&str, bool); 14] = [
+const KEYS: [(&str, bool); 15] = [
     ("seq", false),
     ("origin", false),
     ("age", true),
     ("within", true),
     ("try", false),
     ("of", false),
+    ("for", false),
     ("why", false),
     ("backlog", false),
     ("deadline", true),
@@ -92,8 +93,9 @@ impl DrawnFormat {
     fn draw(number: u64, trace: &DrawnTrace, outer: &str) -> Self {
         let mut rng = Rng::with_seed(number);
         // Keys that mean something else in many logs are read only where they are named, and what is named must occur.
-        let is_named =
-            |key: &str| ["seq", "origin", "age", "within", "try", "of", "why"].contains(&key);
+        let is_named = |key: &str| {
+            ["seq", "origin", "age", "within", "try", "of", "for", "why"].contains(&key)
+        };
         let text = trace.text();
         let occurs = |key: &str| text.contains(&format!("\"{key}\":"));
         let names =

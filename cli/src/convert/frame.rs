@@ -17,13 +17,13 @@ pub(super) struct FrameColumn {
 /// What a frame itself has.
 const OF_FRAME: [&str; 6] = ["t", "open", "within", "emit", "by", "miss"];
 /// What each source of it has.
-const OF_SOURCE: [&str; 5] = ["request", "deadline", "result", "fail", "of"];
+const OF_SOURCE: [&str; 6] = ["request", "deadline", "result", "fail", "of", "for"];
 /// The events, those of one instant in this order, and what else says something of each: the key of the trace, and the word for it
 /// of the frame itself, of local, or of the event's own source.
 const EVENTS: [(&str, &[FramePart]); 6] = [
     ("open", &[("within", Whose::Frame, "within"), ("deadline", Whose::Local, "deadline")]),
     ("request", &[("deadline", Whose::Own, "deadline")]),
-    ("result", &[("of", Whose::Own, "of")]),
+    ("result", &[("of", Whose::Own, "of"), ("for", Whose::Own, "for")]),
     ("fail", &[]),
     ("emit", &[("p", Whose::Frame, "by")]),
     ("miss", &[]),
@@ -60,7 +60,7 @@ impl FrameColumn {
     pub(super) fn named(&self) -> Named<'_> {
         let key = match self.word {
             "by" => "p",
-            word @ ("t" | "within" | "deadline" | "of") => word,
+            word @ ("t" | "within" | "deadline" | "of" | "for") => word,
             _ => "at",
         };
         let dot = if self.source.is_some() { "." } else { "" };

@@ -3,8 +3,8 @@
 use crate::convert::time::{self, Unit};
 
 /// The keys that an event may have.
-const KEYS: [&str; 14] = [
-    "ev", "at", "t", "p", "due", "deadline", "backlog", "why", "of", "try", "within", "age",
+const KEYS: [&str; 15] = [
+    "ev", "at", "t", "p", "due", "deadline", "backlog", "why", "of", "for", "try", "within", "age",
     "origin", "seq",
 ];
 /// The keys that are times.
@@ -14,7 +14,7 @@ const TIMES: [&str; 5] = ["at", "due", "deadline", "within", "age"];
 pub(super) const EVENTS: [(&str, &[&str]); 14] = [
     ("open", &["t", "deadline", "within", "age", "origin", "seq"]),
     ("offer", &["t", "p", "deadline", "backlog"]),
-    ("result", &["t", "p", "of", "try"]),
+    ("result", &["t", "p", "of", "for", "try"]),
     ("fail", &["t", "p", "try"]),
     ("tick", &[]),
     ("timer", &["t", "p"]),
@@ -22,7 +22,7 @@ pub(super) const EVENTS: [(&str, &[&str]); 14] = [
     ("request", &["t", "p", "due", "deadline", "try"]),
     ("hold", &["t", "p"]),
     ("drop", &["t", "p", "why"]),
-    ("emit", &["t", "p", "of"]),
+    ("emit", &["t", "p", "of", "for"]),
     ("final", &["t", "p"]),
     ("miss", &["t"]),
     ("cancel", &["t", "p"]),

@@ -12,8 +12,9 @@ use crate::convert::time::{self, Id, Time, Unit, none_of};
 /// The keys that are read by their own names if no others are given. Other keys mean something else in many logs.
 const BY_DEFAULT: [&str; 7] = ["ev", "at", "t", "p", "due", "deadline", "backlog"];
 /// Keys that are read only where they are named, though they say much if they mean the same as in a trace.
-const UNREAD: [(&str, &str, &str); 3] = [
+const UNREAD: [(&str, &str, &str); 4] = [
     ("of", "values of the key \"of\", which no --column names", "whose value a result is"),
+    ("for", "values of the key \"for\", which no --column names", "which message a value is for"),
     ("try", "values of the key \"try\", which no --column names", "which attempt a line is of"),
     (
         "within",
@@ -199,7 +200,7 @@ impl Mapping<'_> {
         let wrong = |why: String| Self::wrong(row, view, key, text, &why);
         match key {
             "t" => entry.t = Some(time::id(text).map_err(wrong)?),
-            "of" => entry.ids.push((key, time::id(text).map_err(wrong)?)),
+            "of" | "for" => entry.ids.push((key, time::id(text).map_err(wrong)?)),
             "p" => entry.p = Some(self.sources.priority(text).map_err(wrong)?),
             "due" => entry.due = Some(self.time(row, view, key, text, time::instant)?),
             "deadline" | "within" | "age" => {

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input};
+use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, ValueKeys};
 use sha2::{Digest, Sha256};
 
 use crate::export::viewer::TraceViewer;
@@ -82,7 +82,7 @@ struct EndedSpan<'a> {
 /// How a span ended.
 #[derive(Clone, Copy)]
 enum SpanEnd {
-    Result(Option<u64>),
+    Result(ValueKeys),
     Failed,
     /// By a timer or a cancellation.
     EndedByCaller(&'static str),
@@ -153,7 +153,7 @@ impl<W: Write> SpanWriter<W> {
                 Ok(())
             }
             Input::Result { at, t, p } => {
-                self.end_call(at, t, p, annotations.attempt, SpanEnd::Result(annotations.of))
+                self.end_call(at, t, p, annotations.attempt, SpanEnd::Result(annotations.value()))
             }
             Input::Fail { at, t, p } => {
                 self.end_call(at, t, p, annotations.attempt, SpanEnd::Failed)
@@ -200,9 +200,13 @@ impl<W: Write> SpanWriter<W> {
                 self.loses_late(OUTPUT, t);
                 Ok(())
             }
-            Decision::Emit { at, t, p } => self.end_message(Some(at), t, Some(p), annotations.of),
-            Decision::Final { at, t, p } => self.end_message(Some(at), t, Some(p), None),
-            Decision::Miss { at, t } => self.end_message(Some(at), t, None, None),
+            Decision::Emit { at, t, p } => {
+                self.end_message(Some(at), t, Some(p), annotations.value())
+            }
+            Decision::Final { at, t, p } => {
+                self.end_message(Some(at), t, Some(p), ValueKeys::default())
+            }
+            Decision::Miss { at, t } => self.end_message(Some(at), t, None, ValueKeys::default()),
             Decision::RefuseOpen { t, .. } => {
                 self.pending.take_if(|(_, pending)| *pending == t);
                 if let Some((_, before)) = self.opened.take_if(|(opened, _)| *opened == t) {
@@ -237,8 +241,8 @@ impl<W: Write> SpanWriter<W> {
         let Some(call) = message.calls.remove(&(p, attempt)) else { return Ok(()) };
         let CallSpan { start, mut attributes } = call;
         let (code, end) = match end {
-            SpanEnd::Result(of) => {
-                attributes.optional("fuseline.of", of);
+            SpanEnd::Result(value) => {
+                attributes.value(value);
                 (1, at)
             }
             SpanEnd::Failed => (2, at),
@@ -272,7 +276,7 @@ impl<W: Write> SpanWriter<W> {
         at: Option<u64>,
         t: u64,
         by: Option<u64>,
-        of: Option<u64>,
+        value: ValueKeys,
     ) -> io::Result<()> {
         self.end_open_calls(at, t)?;
         let Some(message) = self.open.remove(&t) else { return Ok(()) };
@@ -281,7 +285,7 @@ impl<W: Write> SpanWriter<W> {
         let sent = sent.map(|(_, sent)| sent).filter(|sent| Some(*sent) != at);
         attributes.optional("fuseline.took", sent.map(|sent| sent.saturating_sub(start)));
         attributes.optional("fuseline.by", by);
-        attributes.optional("fuseline.of", of);
+        attributes.value(value);
         let span = EndedSpan {
             trace_id: &trace_id,
             span_id: &span_id,
@@ -332,6 +336,12 @@ impl SpanAttributes {
         if let Some(value) = value {
             self.number(key, value);
         }
+    }
+
+    /// What a result or an output says of its value.
+    fn value(&mut self, ValueKeys { of, meant_for }: ValueKeys) {
+        self.optional("fuseline.of", of);
+        self.optional("fuseline.for", meant_for);
     }
 
     fn text(&mut self, key: &str, value: &str) {
@@ -415,7 +425,7 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
         let open: Vec<u64> = self.open.keys().copied().collect();
         for t in open {
             let by = self.open.get(&t).and_then(|message| message.by).map(|(p, _)| p);
-            self.end_message(None, t, by, None)?;
+            self.end_message(None, t, by, ValueKeys::default())?;
         }
         self.out.write_all(b"\n]}]}]}\n")?;
         self.out.flush()

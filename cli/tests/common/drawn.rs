@@ -2,7 +2,7 @@
 
 use fuseline_testkit::{Generator, Rng};
 use fuseline_traces::{
-    Annotations, Decision, Event, ExpectedDecisions, Header, Input, Origin, Reference,
+    Annotations, Decision, Event, ExpectedDecisions, Header, Input, Origin, Reference, ValueKeys,
 };
 
 /// A generated run with keys beside the rules.
@@ -52,13 +52,16 @@ fn annotations(rng: &mut Rng, event: Event, trace: u64) -> Annotations {
         }
         Event::Input(Input::Result { t, p, .. } | Input::Fail { t, p, .. })
         | Event::Decision(Decision::Request { t, p, .. }) => {
-            let of = matches!(event, Event::Input(Input::Result { .. })).then(|| some(9)).flatten();
+            let is_result = matches!(event, Event::Input(Input::Result { .. }));
+            let [of, meant_for] = [(); 2].map(|()| is_result.then(|| some(9)).flatten());
             // One attempt a call; local's has no number.
             let attempt = (p > 0).then(|| t.wrapping_add(p) % 3).and_then(|it| it.checked_sub(1));
             let attempt = attempt.and_then(|attempt| u8::try_from(attempt).ok());
-            Annotations { of, attempt, ..Annotations::NONE }
+            Annotations { of, meant_for, attempt, ..Annotations::NONE }
         }
-        Event::Decision(Decision::Emit { .. }) => Annotations { of: some(9), ..Annotations::NONE },
+        Event::Decision(Decision::Emit { .. }) => {
+            ValueKeys { of: some(9), meant_for: some(9) }.into()
+        }
         _ => Annotations::NONE,
     }
 }

@@ -1,6 +1,6 @@
 //! A recount of the messages and calls of a drawn trace, with plain lists.
 
-use fuseline_traces::{Annotations, Commit, Decision, Event, Input};
+use fuseline_traces::{Annotations, Commit, Decision, Event, Input, ValueKeys};
 
 use super::drawn::DrawnTrace;
 
@@ -18,7 +18,7 @@ pub(crate) struct RecountedCall {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum RecountedEnd {
-    Result(Option<u64>),
+    Result(ValueKeys),
     Failure,
     Timer,
     Cancelled,
@@ -37,8 +37,8 @@ pub(crate) struct RecountedSpan {
     pub(crate) by: Option<u64>,
     /// When, if the message goes on.
     pub(crate) sent: Option<u64>,
-    /// When, and of which timestamp it was.
-    pub(crate) end: Option<(u64, Option<u64>)>,
+    /// When, and what the output says of its value.
+    pub(crate) end: Option<(u64, ValueKeys)>,
 }
 
 impl DrawnTrace {
@@ -94,11 +94,11 @@ impl DrawnTrace {
                     if self.is_progressive() {
                         message.sent = Some(at);
                     } else {
-                        message.end = Some((at, annotations.of));
+                        message.end = Some((at, annotations.value()));
                     }
                 }
                 Event::Decision(Decision::Final { at, t, .. } | Decision::Miss { at, t }) => {
-                    open(&mut messages, t).unwrap().end = Some((at, None));
+                    open(&mut messages, t).unwrap().end = Some((at, ValueKeys::default()));
                 }
                 _ => {}
             }
@@ -116,7 +116,7 @@ impl DrawnTrace {
         let is_refused = of.1 == 0 && self.is_refused(begin);
         self.events[begin + 1..].iter().find_map(|(event, annotations)| match *event {
             Event::Input(Input::Result { at, t, p }) if (t, p) == of => {
-                Some((at, RecountedEnd::Result(annotations.of)))
+                Some((at, RecountedEnd::Result(annotations.value())))
             }
             Event::Input(Input::Fail { at, t, p }) if (t, p) == of => {
                 Some((at, RecountedEnd::Failure))
