@@ -3,10 +3,10 @@
 use std::io::{self, BufRead, BufReader, Read, Write};
 
 use fuseline_arbiter::Arbiter;
-use fuseline_traces::{Event, LINE, Line, parse};
+use fuseline_traces::{Event, LINE, Line, parse_annotated};
 use thiserror::Error;
 
-use crate::decide::decide;
+use crate::decide::AnnotatedAnswers;
 use crate::exit::Exit;
 use crate::fault::Fault;
 
@@ -39,6 +39,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
     let mut input = BufReader::with_capacity(CHUNK, io::stdin().lock());
     let mut out = io::stdout().lock();
     let (mut arbiter, mut line, mut answer) = (None, Vec::new(), Vec::new());
+    let mut answers = AnnotatedAnswers::default();
     for number in 1.. {
         line.clear();
         let most = LINE as u64 + 1;
@@ -51,19 +52,20 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
             let message = "a line that does not end in LF, or is over 64 KiB".to_owned();
             return Err(fault(message, line.len() as u64 + 1));
         };
-        match (parse(text), &mut arbiter) {
-            (Ok(Line::Header(header)), arbiter) => {
+        match (parse_annotated(text), &mut arbiter) {
+            (Ok((Line::Header(header), _)), arbiter) => {
+                answers = AnnotatedAnswers::default();
                 let created = Arbiter::new(&header);
                 let name = "stdin".to_owned();
                 *arbiter = Some(created.map_err(|source| Fault::Config { name, source })?);
             }
-            (Ok(Line::Event(Event::Input(input))), Some(arbiter)) => {
-                decide(arbiter, &input, &mut answer);
+            (Ok((Line::Event(Event::Input(input)), keys)), Some(arbiter)) => {
+                answers.decide(arbiter, &input, &keys, &mut answer);
             }
-            (Ok(Line::Event(Event::Input(_))), None) => {
+            (Ok((Line::Event(Event::Input(_)), _)), None) => {
                 return Err(fault("an input before any header".to_owned(), 1));
             }
-            (Ok(Line::Event(Event::Decision(_))), _) => {
+            (Ok((Line::Event(Event::Decision(_)), _)), _) => {
                 return Err(fault("a decision; give a header and inputs".to_owned(), 1));
             }
             (Err(error), _) => return Err(fault(error.message, error.column)),

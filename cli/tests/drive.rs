@@ -15,7 +15,7 @@ use serde_json::Value;
 const FUSELINE: &str = env!("CARGO_BIN_EXE_fuseline");
 
 /// The mistakes of `mistakes.py`, each with the rule that it breaks.
-const MISTAKES: [(&str, &str); 19] = [
+const MISTAKES: [(&str, &str); 21] = [
     ("first-response-wins", "F3"),
     ("any-then-local", "F3"),
     ("lowest-number-wins", "F3"),
@@ -35,6 +35,8 @@ const MISTAKES: [(&str, &str); 19] = [
     ("gate-first", "F2g"),
     ("unbounded-window", "F1"),
     ("first-output-ends", "F9"),
+    ("copies-the-call", "D18"),
+    ("splices-chunks", "D18"),
 ];
 
 /// An example's path.
@@ -64,7 +66,11 @@ fn has(program: &str) -> bool {
 
 /// Everything passes in the corpus and in 150 runs, which reach all that runs reach.
 fn assert_conforms(command: &[&str]) {
-    let driven = drive(&["--cases", "150"], command);
+    assert_conforms_by(&[], command);
+}
+
+fn assert_conforms_by(options: &[&str], command: &[&str]) {
+    let driven = drive(&[&["--cases", "150"], options].concat(), command);
     assert_eq!(driven.status.code(), Some(0), "{}{}", out(&driven), err(&driven));
     let printed = out(&driven);
     for part in [": conforms\n", "150 runs with ", "11 of 11 rules", "34 of 34 pairs"] {
@@ -75,12 +81,13 @@ fn assert_conforms(command: &[&str]) {
 #[test]
 fn the_core_conforms() {
     assert_conforms(&[FUSELINE, "impl"]);
+    assert_conforms_by(&["--values"], &[FUSELINE, "impl"]);
 }
 
 #[test]
 fn the_example_in_python_conforms() {
     if has("python3") {
-        assert_conforms(&["python3", &example("arbiter.py")]);
+        assert_conforms_by(&["--values"], &["python3", &example("arbiter.py")]);
     }
 }
 
@@ -111,7 +118,9 @@ fn each_mistake_is_found_and_reported_in_a_few_inputs() {
     assert!(listed.eq(MISTAKES.iter().map(|(name, _)| *name)), "the list has changed");
     for (mistake, rule) in MISTAKES {
         // A busy host gets to few runs in the 30 s of the default.
-        let report = report(&["--for", "10m"], &["python3", &script, "--mistake", mistake]);
+        let options = ["--for", "10m", "--values"];
+        let options = if rule == "D18" { &options } else { &options[..2] };
+        let report = report(options, &["python3", &script, "--mistake", mistake]);
         assert_eq!(report["conforms"], false, "{mistake}");
         let failed =
             report["fixed"].as_array().unwrap().iter().any(|case| case["result"] != "pass");

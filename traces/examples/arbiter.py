@@ -36,6 +36,7 @@ class Message:
         self.pending = {LOCAL}  # asked for; neither result nor failure nor timer has come
         self.armed = {}  # whose timer is live, with its due instant
         self.cached = set()  # whose result came in time and is held; progressive: was sent last
+        self.values = {}  # what accepted results say of their values, by their sources
 
 
 class Dropped(Exception):
@@ -56,6 +57,7 @@ class Arbiter:
         self.now = 0  # the greatest instant seen
         self.newest = -1  # the greatest timestamp ever opened
         self.open = {}  # the open timestamps: t to Message
+        self.value = {}  # what the last result says of its value
         self.timers = []  # a heap of (due, t, p); those that are not armed any more are skipped
         self.said = []
 
@@ -72,6 +74,7 @@ class Arbiter:
         elif event["ev"] == "offer":
             self.offered(event["t"], event["p"], event["deadline"], event["backlog"])
         elif event["ev"] == "result":
+            self.value = {key: event[key] for key in ("of", "for") if key in event}
             self.result(event["t"], event["p"])
         elif event["ev"] == "fail":
             self.failed(event["t"], event["p"])
@@ -108,6 +111,7 @@ class Arbiter:
             self.say("drop", t, p=p, why=str(dropped))
             return
         message.pending.discard(p)
+        message.values[p] = self.value
         if self.progressive:
             self.send(t, message, p)
         elif self.is_outranked(p, message.pending):
@@ -220,14 +224,14 @@ class Arbiter:
     def forward(self, t, p):
         """F7: one result goes, the timestamp is over, and so are the calls of clouds."""
         message = self.open.pop(t)
-        self.say("emit", t, p=p)
+        self.emit(t, message, p)
         for cloud in sorted(message.pending - {LOCAL}):
             self.say("cancel", t, p=cloud)
 
     def send(self, t, message, p):
         """F9: one result goes at once, and what it outranks is not waited for any more."""
         message.cached = {p}
-        self.say("emit", t, p=p)
+        self.emit(t, message, p)
         for worse in sorted(q for q in message.pending if q < p):
             message.pending.discard(worse)
             message.armed.pop(worse, None)
@@ -236,6 +240,10 @@ class Arbiter:
         message.armed.pop(p, None)
         if not message.pending:
             self.end(t, p)
+
+    def emit(self, t, message, p):
+        """A46, A60: says of the value what the result that goes said."""
+        self.say("emit", t, p=p, **message.values.get(p, {}))
 
     def end(self, t, p):
         """F9: nothing better can come than what was sent."""

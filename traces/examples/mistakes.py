@@ -7,7 +7,7 @@
 
 import argparse
 
-from arbiter import LOCAL, Arbiter, serve
+from arbiter import END, LOCAL, Arbiter, serve
 
 
 class FirstResponseWins(Arbiter):
@@ -185,6 +185,24 @@ class FirstOutputEnds(Arbiter):
         super().send(t, message, p)
 
 
+class CopiesTheCall(Arbiter):
+    """Says that each value is meant for its message, whatever the reply says."""
+
+    def emit(self, t, message, p):
+        message.values[p] = message.values.get(p, {}) | {"for": t}
+        super().emit(t, message, p)
+
+
+class SplicesChunks(Arbiter):
+    """Sends the action that is meant for the next message."""
+
+    def emit(self, t, message, p):
+        said = message.values.get(p, {})
+        if "for" in said:
+            message.values[p] = said | {"for": min(said["for"] + 1, END)}
+        super().emit(t, message, p)
+
+
 MISTAKES = {
     "first-response-wins": FirstResponseWins,
     "any-then-local": AnyThenLocal,
@@ -205,6 +223,8 @@ MISTAKES = {
     "gate-first": GateFirst,
     "unbounded-window": UnboundedWindow,
     "first-output-ends": FirstOutputEnds,
+    "copies-the-call": CopiesTheCall,
+    "splices-chunks": SplicesChunks,
 }
 
 if __name__ == "__main__":

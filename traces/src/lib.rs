@@ -29,7 +29,7 @@ pub use doubt::{Doubt, DoubtKind};
 pub use duration::nanos;
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
-pub use parse::{ParseError, observed_line, parse};
+pub use parse::{ParseError, observed_line, parse, parse_annotated};
 pub use read::{Defect, Events, LINE, ReadError, unpack};
 pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};

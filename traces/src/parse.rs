@@ -72,11 +72,20 @@ pub struct ParseError {
 /// # Errors
 /// Returns a [`ParseError`] with its column for whatever the format does not allow.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
+    Ok(parse_annotated(line)?.0)
+}
+
+/// The same with the line's further keys.
+///
+/// # Errors
+/// Whatever the format does not allow, with its column.
+pub fn parse_annotated(line: &[u8]) -> Result<(Line, Annotations), ParseError> {
     let mut annotations = LineAnnotations::default();
-    if let Some(read) = parse_canonical(line, Form::Strict, &mut StampBefore::default()) {
-        return Ok(Line::Event(annotations.take(&read)));
-    }
-    parse_as(line, Form::Strict, &mut annotations)
+    let read = match parse_canonical(line, Form::Strict, &mut StampBefore::default()) {
+        Some(read) => Line::Event(annotations.take(&read)),
+        None => parse_as(line, Form::Strict, &mut annotations)?,
+    };
+    Ok((read, annotations.event))
 }
 
 /// Reads one event of an observed trace, given without its `\n`, with its further keys.

@@ -65,6 +65,10 @@ pub(crate) struct Args {
     /// The most clouds of a run, up to 15.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
     pub(super) clouds: Option<u8>,
+    /// Results say whose value they bring and for which message it is meant, by the keys of and for, and an emit must say what the
+    /// result that it sends said.
+    #[arg(long)]
+    pub(super) values: bool,
     /// Drive these instead, in this order and one process: trace files, cases of the corpus, generated runs such as
     /// g2-1-17.
     #[arg(long, value_name = "CASE", num_args = 1..,
@@ -121,7 +125,8 @@ impl Args {
     pub(super) fn limits(&self) -> DriveLimits {
         let is_limited = self.cases.is_some() || self.budget.is_some();
         let inputs = self.inputs.unwrap_or(if is_limited { u64::MAX } else { INPUTS });
-        DriveLimits { inputs, time: self.budget, is_named: !self.run.is_empty() }
+        let (is_named, has_values) = (!self.run.is_empty(), self.values);
+        DriveLimits { inputs, time: self.budget, is_named, has_values }
     }
 }
 

@@ -8,7 +8,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use fuseline_traces::{Decision, Event, LINE, Line, parse};
+use fuseline_traces::{Decision, Event, LINE, Line, ValueKeys, parse_annotated};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, ioctl_fionbio};
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
@@ -131,7 +131,7 @@ impl Peer {
         &mut self,
         line: &[u8],
         most: usize,
-        answer: &mut Vec<Decision>,
+        answer: &mut Vec<(Decision, ValueKeys)>,
     ) -> Result<(), PeerError> {
         self.quiet()?;
         let until = Instant::now() + self.wait;
@@ -326,11 +326,11 @@ fn is_done(line: &[u8]) -> bool {
     line == DONE || serde_json::from_slice::<DoneLine>(line).is_ok_and(|done| done.ev == "done")
 }
 
-/// The decision in a line.
-fn decision(line: &[u8]) -> Result<Decision, ProtocolViolation> {
-    match parse(line) {
-        Ok(Line::Event(Event::Decision(decision))) => Ok(decision),
-        Ok(Line::Event(Event::Input(_)) | Line::Header(_)) => {
+/// The decision in a line, and what it says of its value.
+fn decision(line: &[u8]) -> Result<(Decision, ValueKeys), ProtocolViolation> {
+    match parse_annotated(line) {
+        Ok((Line::Event(Event::Decision(decision)), keys)) => Ok((decision, keys.value())),
+        Ok((Line::Event(Event::Input(_)) | Line::Header(_), _)) => {
             Err(ProtocolViolation::NoDecision(shown(line)))
         }
         Err(error) => {

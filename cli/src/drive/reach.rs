@@ -37,6 +37,8 @@ pub(super) struct DriveLimits {
     pub(super) time: Option<Duration>,
     /// Whether `--run` names the cases.
     pub(super) is_named: bool,
+    /// Whether results say something of their values.
+    pub(super) has_values: bool,
 }
 
 /// The lines about it, each with its lead.
@@ -105,6 +107,9 @@ pub(super) fn missing(
     for commit in Commit::ALL.into_iter().filter(|commit| !has(*commit)) {
         let option = if generator.commit.is_some() { "--commit all" } else { &more };
         missing.push(named(&format!("the commit rule {commit}"), option));
+    }
+    if !limits.has_values {
+        missing.push(named("the keys of and for", "--values"));
     }
     let most = usize::from(generator.most_clouds());
     if most < 15 {

@@ -180,12 +180,12 @@ impl ReportedFinding {
     /// The smallest run in words, its last input's decisions left out.
     fn print_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
         let events = &self.finding.reported.events;
-        let last = events.iter().rposition(|event| matches!(event, Event::Input(_)));
+        let last = events.iter().rposition(|(event, _)| matches!(event, Event::Input(_)));
         let reported = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
         if reported.len() > LINES {
             return Ok(());
         }
-        for (i, event) in reported.iter().enumerate() {
+        for (i, (event, _)) in reported.iter().enumerate() {
             let at = match event {
                 Event::Input(input) => format!("at {}: ", input.at()),
                 Event::Decision(_) => "  ".to_owned(),

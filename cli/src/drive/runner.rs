@@ -55,7 +55,7 @@ pub(super) struct CaseRunner<'a> {
 
 impl<'a> CaseRunner<'a> {
     pub(super) fn new(args: &'a Args, suite: Suite) -> Self {
-        let bench = Bench::new(args.command.clone(), args.wait, Interrupt::watch());
+        let bench = Bench::new(args.command.clone(), args.wait, args.values, Interrupt::watch());
         let limits = args.limits();
         let bar = bar(limits, suite.fixed.len() as u64, args.cases);
         let command = quoted(&args.command);
@@ -250,6 +250,9 @@ impl<'a> CaseRunner<'a> {
         }
         if let Some(clouds) = self.args.clouds.filter(|_| !are_files) {
             words.extend(["--clouds".into(), clouds.to_string().into()]);
+        }
+        if self.args.values {
+            words.push("--values".into());
         }
         words.push("--run".into());
         words.extend(cases.iter().cloned());

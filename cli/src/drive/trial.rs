@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use fuseline_testkit::Run;
 use fuseline_traces::{
-    Commit, Decision, Event, ExpectedDecisions, Header, Input, Reference, Verdict, judge,
+    Commit, Decision, Event, ExpectedDecisions, Header, HeldValues, Input, Reference, ValueKeys,
+    Verdict, judge,
 };
 
 use super::case::CasePlace;
@@ -24,6 +25,8 @@ pub(super) struct Bench {
     command: Vec<OsString>,
     wait: Duration,
     interrupt: Interrupt,
+    /// Whether results say something of their values, and emits must.
+    drives_values: bool,
     peer: Option<Peer>,
     /// Whether it misbehaved before: then its complaints are known already.
     misbehaved: bool,
@@ -55,7 +58,8 @@ pub(super) enum Comparison {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Transcript {
     pub(super) header: Header,
-    pub(super) events: Vec<Event>,
+    /// With what results and emits say of their values.
+    pub(super) events: Vec<(Event, ValueKeys)>,
 }
 
 /// Why driving ends before its time.
@@ -69,10 +73,23 @@ pub(super) enum DriveStop {
 }
 
 impl Bench {
-    pub(super) const fn new(command: Vec<OsString>, wait: Duration, interrupt: Interrupt) -> Self {
-        let (misbehaved, has_answered) = (false, false);
-        let sent = Vec::new();
-        Self { command, wait, interrupt, peer: None, misbehaved, has_answered, sent, inputs: 0 }
+    pub(super) const fn new(
+        command: Vec<OsString>,
+        wait: Duration,
+        drives_values: bool,
+        interrupt: Interrupt,
+    ) -> Self {
+        Self {
+            command,
+            wait,
+            interrupt,
+            drives_values,
+            peer: None,
+            misbehaved: false,
+            has_answered: false,
+            sent: Vec::new(),
+            inputs: 0,
+        }
     }
 
     /// Lets the next run begin in a new process.
@@ -168,10 +185,10 @@ impl Bench {
     fn compare(&mut self, run: &Run, reported: &mut Transcript) -> Result<bool, Interrupted> {
         let (mut line, mut answer, mut demands) =
             (header_line(&run.header), Vec::new(), ExpectedDecisions::new());
-        let mut reference = Reference::new(&run.header);
+        let (mut reference, mut values) = (Reference::new(&run.header), HeldValues::default());
         self.peer()?.exchange(&line, MORE, &mut answer)?;
         self.has_answered = true;
-        reported.events.extend(answer.iter().copied().map(Event::Decision));
+        reported.extend(&answer);
         let mut same = answer.is_empty();
         for input in &run.inputs {
             if !same {
@@ -180,15 +197,20 @@ impl Bench {
             line.clear();
             answer.clear();
             demands.clear();
-            input.write(&mut line);
-            line.push(b'\n');
+            let value = self.write(input, &mut line);
             reference.apply(input, &mut demands);
-            reported.events.push(Event::Input(*input));
+            values.apply(input, value, demands.iter().map(|(decision, _)| decision));
+            reported.events.push((Event::Input(*input), value));
             let requested = self.peer()?.exchange(&line, demands.len() + MORE, &mut answer);
-            reported.events.extend(answer.iter().copied().map(Event::Decision));
+            if !self.drives_values {
+                for (_, value) in &mut answer {
+                    *value = ValueKeys::default();
+                }
+            }
+            reported.extend(&answer);
             requested?;
             self.inputs += 1;
-            same = are_demanded(&answer, &demands);
+            same = are_demanded(&answer, &demands, &values);
         }
         self.peer()?.quiet()?;
         Ok(same)
@@ -196,17 +218,32 @@ impl Bench {
 
     fn exchange_all(&mut self, run: &Run) -> Result<(), Interrupted> {
         let (mut line, mut answer) = (header_line(&run.header), Vec::new());
-        let peer = self.peer()?;
-        peer.exchange(&line, MORE, &mut answer)?;
+        self.peer()?.exchange(&line, MORE, &mut answer)?;
         for input in &run.inputs {
             line.clear();
             answer.clear();
-            input.write(&mut line);
-            line.push(b'\n');
-            peer.exchange(&line, FED, &mut answer)?;
+            self.write(input, &mut line);
+            self.peer()?.exchange(&line, FED, &mut answer)?;
         }
-        Ok(peer.quiet()?)
+        Ok(self.peer()?.quiet()?)
     }
+
+    /// Writes an input as it is sent, and returns what it says of its value.
+    fn write(&self, input: &Input, line: &mut Vec<u8>) -> ValueKeys {
+        let value = if self.drives_values { value(input) } else { ValueKeys::default() };
+        Event::Input(*input).write_annotated(&value.into(), line);
+        line.push(b'\n');
+        value
+    }
+}
+
+/// What a result says of its value: its message, or nothing. So a command that copies the keys from the call is found, and one that takes
+/// those of another result.
+fn value(input: &Input) -> ValueKeys {
+    let Input::Result { at, t, p } = *input else { return ValueKeys::default() };
+    let drawn = at.wrapping_add(t).wrapping_add(p);
+    let says = |bit: u64| (drawn & bit != 0).then_some(t);
+    ValueKeys { of: says(1), meant_for: says(2) }
 }
 
 /// The header as it is sent. The commit rule may be left out where it is eager; so it is left out of those with an odd
@@ -225,11 +262,16 @@ impl Transcript {
         let mut out = Vec::new();
         self.header.write(&mut out);
         out.push(b'\n');
-        for event in &self.events {
-            event.write(&mut out);
+        for (event, value) in &self.events {
+            event.write_annotated(&(*value).into(), &mut out);
             out.push(b'\n');
         }
         out
+    }
+
+    fn extend(&mut self, answer: &[(Decision, ValueKeys)]) {
+        let decisions = answer.iter().map(|(decision, value)| (Event::Decision(*decision), *value));
+        self.events.extend(decisions);
     }
 
     /// What the judge says of it.
@@ -248,7 +290,7 @@ impl Transcript {
     }
 
     pub(super) fn inputs(&self) -> impl Iterator<Item = Input> {
-        self.events.iter().filter_map(|event| match event {
+        self.events.iter().filter_map(|(event, _)| match event {
             Event::Input(input) => Some(*input),
             Event::Decision(_) => None,
         })
@@ -267,6 +309,11 @@ impl From<PeerError> for Interrupted {
     }
 }
 
-fn are_demanded(answer: &[Decision], demands: &ExpectedDecisions) -> bool {
-    answer.iter().eq(demands.iter().map(|(decision, _)| decision))
+fn are_demanded(
+    answer: &[(Decision, ValueKeys)],
+    demands: &ExpectedDecisions,
+    values: &HeldValues,
+) -> bool {
+    let demanded = demands.iter().map(|(decision, _)| (*decision, values.sent(decision)));
+    answer.iter().copied().eq(demanded)
 }
