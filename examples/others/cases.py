@@ -21,6 +21,8 @@ HARMED: dict[str, Any] = {
 }
 #: One stalls between two that come, then several in a row.
 DORA = [5, 5, 60, None, 5, 5, 5, None, None, None, None, 5, 5, 5]
+#: The first chunk takes as long as 21 steps, in which the arm has no action and stands still.
+SPLICED = {"delays": [690, 100], "period": 33, "chunk": 30, "ticks": 90}
 CHUNKS = {"delays": [40, 60, 80, 110], "period": 33, "chunk": 10}
 
 
@@ -112,6 +114,23 @@ CASES = [
         broken("J1"),
         header=NO_LOCAL,
         options=("--period", "33ms"),
+    ),
+    Case(
+        "lerobot-rtc",
+        "python",
+        "lerobot_rtc.py released",
+        SPLICED,
+        broken("D18"),
+        header={**NO_LOCAL, "max_age": 30},
+    ),
+    Case(
+        "lerobot-rtc-mended",
+        "python",
+        "lerobot_rtc.py mended",
+        SPLICED,
+        header={**NO_LOCAL, "max_age": 30},
+        # The arm acts at once, and what an action is meant for does not depend on instants.
+        options=("--ended", "--accept", "blurred,coarse"),
     ),
     Case("positronic", "python", "positronic_session.py hold", {"delays": HOSTILE, "period": 120}),
     Case(
