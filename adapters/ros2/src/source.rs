@@ -190,14 +190,14 @@ mod tests {
     }
 
     /// One call's result.
-    async fn call_once(grpc: &Grpc) -> Result<Payload, Error> {
+    async fn call_once(grpc: &Grpc) -> Result<StampedValue<Payload>, Error> {
         let engine = Engine::<Payload, Payload>::new(EngineConfig::default()).unwrap();
         let call_of = Call::new(7, Duration::from_secs(60), 0, engine.counts());
         let message = Payload { big_endian: true, body: b"message".as_slice().into() };
-        Ok(call(grpc).unwrap()(message, call_of).await?.value)
+        call(grpc).unwrap()(message, call_of).await
     }
 
-    /// D12.
+    /// D2, D12, D18.
     #[tokio::test]
     async fn a_call_bears_the_token_and_the_certificate_of_their_files() {
         let secrets = CredentialFiles::new();
@@ -205,7 +205,7 @@ mod tests {
         let url = format!("https://localhost:{}", listener.local_addr().unwrap().port());
         let echo = |request: grpc::Request| {
             let (payload, of) = (request.payload, Some(request.timestamp));
-            ready(Ok(grpc::Reply { payload, of, ..grpc::Reply::default() }))
+            ready(Ok(grpc::Reply { payload, of, meant_for: Some(9) }))
         };
         let server = grpc::serve(echo, secrets.server.clone(), listener, std::future::pending());
         let server = tokio::spawn(server);
@@ -217,7 +217,8 @@ mod tests {
             token_file: Some(secrets.file("token")),
             server_name: None,
         };
-        let echoed = call_once(&all).await.unwrap();
+        let StampedValue { value: echoed, of, meant_for } = call_once(&all).await.unwrap();
+        assert_eq!((of, meant_for), (Some(7), Some(9)));
         assert_eq!((echoed.big_endian, &echoed.body[..]), (true, b"message".as_slice()));
         let without_token = Grpc { token_file: None, ..all.clone() };
         let without_certificate = Grpc { certificate: None, key: None, ..all };

@@ -285,7 +285,7 @@ fn responses(
     assert_eq!(read, expected);
 }
 
-/// D2: which values a source may send is for the header to say.
+/// D2, D18: which values a source may send is for the header and the values to say.
 #[test]
 fn a_page_is_judged_with_the_further_keys_of_its_header() {
     let header = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":2}]}"#;
@@ -297,7 +297,10 @@ fn a_page_is_judged_with_the_further_keys_of_its_header() {
         r#"{"ev":"emit","at":9,"t":5,"p":1,"of":3}"#,
     ];
     let text = events.iter().fold(header.to_owned() + "\n", |text, line| text + line + "\n");
-    for with in [true, false] {
+    for (with, meant, violations) in
+        [(true, "", 0), (false, "", 1), (true, ",\"for\":5", 0), (true, ",\"for\":6", 1)]
+    {
+        let text = text.replace("\"of\":3", &format!("\"of\":3{meant}"));
         let mut events = Events::new("trace", text.as_bytes()).unwrap();
         let mut page = PageWriter::default();
         let mut canvas = page.begin(None, "trace", events.header());
@@ -307,6 +310,6 @@ fn a_page_is_judged_with_the_further_keys_of_its_header() {
         while let Some(event) = events.next_event().unwrap() {
             canvas.annotated_event(events.line(), event, events.annotations()).unwrap();
         }
-        assert_eq!(canvas.finish().summary().violations == 0, with);
+        assert_eq!(canvas.finish().summary().violations, violations);
     }
 }
