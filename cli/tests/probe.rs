@@ -114,12 +114,11 @@ impl Relay {
                     let slot = request.timestamp;
                     let reply = client.infer(tonic::Request::new(request)).await;
                     *queued.lock().unwrap() -= 1;
-                    let held = start.elapsed().saturating_sub(received_at);
                     log.lock().unwrap().push(RelayedRequest {
                         slot,
                         queued: before,
                         received_at,
-                        held,
+                        held: start.elapsed().saturating_sub(received_at),
                     });
                     reply.map(tonic::Response::into_inner)
                 }
