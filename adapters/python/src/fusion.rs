@@ -12,20 +12,20 @@ use crate::raised::config;
 use crate::time::{Nanos, Number};
 use crate::words::{AnswerClasses, CLOUDS};
 
-/// What fired before an input, then the input's own answer.
+/// Holds what fired before an input, then the input's own answer.
 type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 
-/// The machine of one operator: inputs go in with their instants, answers come out; it reads no clock.
+/// Decides for one operator: inputs go in with their instants, and answers come out. It reads no clock.
 ///
 /// Every input first fires what is due by its instant (F5), and only then is applied (F0). So each
-/// answer is a pair: the firings in their order, then the input's own answer. A `Forwarded` or
-/// `Missed` in either must be acted upon.
+/// answer is a pair: the firings in their order, then the input's own answer. Act upon a `Forwarded` or
+/// `Missed` in either.
 ///
 /// Instants are whole nanoseconds of one monotonic clock, such as `time.monotonic_ns()`, exact from
 /// 0 to 2**64 - 1. A deadline is seconds as a float (rounded to the nearest nanosecond), a `timedelta`, or
 /// nanoseconds as `ns`.
 ///
-/// One thread at a time calls it; of several, each call is applied completely before the next.
+/// If several threads call it, each call is applied completely before the next.
 ///
 /// Args:
 ///     clouds: Up to 15, in any order.
@@ -52,21 +52,21 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 pub(crate) struct PyFusion {
     arbiter: Arbiter,
     header: Header,
-    /// What was recorded since it was taken last; none if nothing is recorded.
+    /// Holds what was recorded since it was taken last; none if nothing is recorded.
     recorded: Option<Vec<u8>>,
 }
 
-/// A window that fits, or what was given instead.
+/// Holds a window that fits, or what was given instead.
 pub(crate) struct WindowArgument(Result<u16, String>);
 
-/// A text or its bytes.
+/// Holds a text or its bytes.
 #[derive(FromPyObject)]
 enum Text {
     Str(String),
     Bytes(Vec<u8>),
 }
 
-/// An entry of `clouds`: an object with these attributes.
+/// Reads an entry of `clouds`: an object with these attributes.
 #[derive(FromPyObject)]
 pub(crate) struct CloudEntry<'py> {
     p: Bound<'py, PyAny>,
@@ -92,7 +92,7 @@ impl PyFusion {
         Self::of(header(clouds, window, commit, operator)?, record)
     }
 
-    /// A machine with the configuration of a trace's first line, with or without its end.
+    /// Makes a machine with the configuration of a trace's first line, with or without its end of line.
     ///
     /// Raises:
     ///     `ConfigError`: if it is no header.
@@ -109,7 +109,7 @@ impl PyFusion {
         }
     }
 
-    /// F1: a message came; `deadline`, if any, is how long local may take.
+    /// Opens timestamp `t` for a message; `deadline`, if any, is how long local may take (F1).
     #[pyo3(signature = (now, t, deadline=None))]
     fn open(
         slf: &Bound<'_, Self>,
@@ -121,7 +121,7 @@ impl PyFusion {
         answer(slf, &Input::Open { at: now.0, t: t.0, deadline })
     }
 
-    /// F2: the driver would ask cloud `p`, in whose queue `backlog` requests wait already.
+    /// Offers a request to cloud `p`, in whose queue `backlog` requests wait already (F2).
     #[pyo3(
         signature = (now, t, p, deadline, backlog=Number(0)),
         text_signature = "($self, now, t, p, deadline, backlog=0)"
@@ -138,7 +138,7 @@ impl PyFusion {
         answer(slf, &Input::Offer { at: now.0, t: t.0, p: p.0, deadline, backlog })
     }
 
-    /// F3: the result of source `p` came; 0 is local.
+    /// Takes the result of source `p`; 0 is local (F3).
     #[pyo3(signature = (now, t, p))]
     fn result(
         slf: &Bound<'_, Self>,
@@ -149,13 +149,13 @@ impl PyFusion {
         answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
     }
 
-    /// F4: no result will come from source `p`; 0 is local.
+    /// Takes a failure: no result will come from source `p`; 0 is local (F4).
     #[pyo3(signature = (now, t, p))]
     fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Fail { at: now.0, t: t.0, p: p.0 })
     }
 
-    /// F0: time went by. Call it at `next_due`; returns what fired.
+    /// Lets time go by, and returns what fired (F0). Call it at `next_due`.
     #[pyo3(signature = (now))]
     fn tick(slf: &Bound<'_, Self>, now: Number) -> PyResult<Py<PyTuple>> {
         let py = slf.py();
@@ -163,7 +163,7 @@ impl PyFusion {
         AnswerClasses::get(py)?.firings(py, &fired)
     }
 
-    /// Why an offer with a deadline above 0 would be refused now; None if it would be admitted.
+    /// Returns why an offer with a deadline above 0 would be refused now; None if it would be admitted.
     #[pyo3(
         signature = (t, p, backlog=Number(0)),
         text_signature = "($self, t, p, backlog=0)"
@@ -187,43 +187,43 @@ impl PyFusion {
         why.map(|why| AnswerClasses::get(py)?.refusal(py, why)).transpose()
     }
 
-    /// The earliest due instant of all armed timers, in nanoseconds; None if there is none.
+    /// Returns the earliest due instant of all armed timers, in nanoseconds; None if there is none.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due()
     }
 
-    /// The machine's clock: the greatest instant given so far, in nanoseconds.
+    /// Returns the machine's clock: the greatest instant given so far, in nanoseconds.
     #[getter]
     fn now(&self) -> u64 {
         self.arbiter.now()
     }
 
-    /// The greatest timestamp ever opened; None if there is none.
+    /// Returns the greatest timestamp ever opened; None if there is none.
     #[getter]
     fn newest(&self) -> Option<u64> {
         self.arbiter.fusion().newest().map(Timestamp::as_u64)
     }
 
-    /// The commit rule, as a word.
+    /// Returns the commit rule, as a word.
     #[getter]
     const fn commit(&self) -> &'static str {
         self.header.commit.as_str()
     }
 
-    /// The header of this machine's trace, without its end of line.
+    /// Returns the header of this machine's trace, without its end of line.
     #[getter]
     fn header(&self) -> String {
         self.header.to_string()
     }
 
-    /// The due instant of the timer of (t, p), in nanoseconds; None if it is not armed.
+    /// Returns the due instant of the timer of (t, p), in nanoseconds; None if it is not armed.
     fn due(&self, t: Number, p: Number) -> Option<u64> {
         let p = Priority::new(u16::try_from(p.0).ok()?);
         self.arbiter.fusion().due(Timestamp::new(t.0), p).map(fuseline_core::Instant::as_nanos)
     }
 
-    /// Whole lines of the trace: all that was recorded since this was called last.
+    /// Returns whole lines of the trace: all that was recorded since the last call.
     fn take_trace<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         match &mut self.recorded {
             Some(recorded) => Ok(PyBytes::new(py, &std::mem::take(recorded))),
@@ -330,7 +330,7 @@ fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer>
     Ok((words.firings(py, &fired)?, own))
 }
 
-/// The configuration of a machine, as its trace begins with it.
+/// Makes the configuration of a machine, as its trace begins with it.
 pub(crate) fn header(
     clouds: Vec<CloudEntry<'_>>,
     window: WindowArgument,

@@ -15,15 +15,15 @@ use pyo3::types::PyDict;
 use crate::raised::config;
 use crate::time::{Nanos, Number};
 
-/// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
+/// Holds a lineage: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
 /// inputs that are missing.
 type CapturedLineage = (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
-/// A set: its key, its messages by input, the inputs that are missing, why it was given, and what it comes from.
+/// Holds a set: its key, its messages by input, the inputs that are missing, why it was given, and its lineage.
 type JoinedSet<'py> = (u64, Bound<'py, PyDict>, Vec<String>, &'static str, Option<CapturedLineage>);
-/// What a reorderer gives: `item`, `passed over` or `late`, the item, and the range that was passed over.
+/// Holds what a reorderer gives: `item`, `passed over` or `late`, the item, and the range that was passed over.
 type OrderedEntry = (&'static str, Option<Py<PyAny>>, Option<(u64, u64)>);
 
-/// A clock of Python's, in nanoseconds, on the system's.
+/// Places a clock of Python's, in nanoseconds, on the system's.
 #[derive(Clone, Copy)]
 struct ClockOrigin {
     nanos: u64,
@@ -49,7 +49,7 @@ pub(crate) struct PyReorderer {
 #[pyclass(name = "Gate", module = "fuseline._fuseline")]
 pub(crate) struct PyGate(Gate);
 
-/// How long an operator takes for a message, on board alone and with its clouds: stated, or
+/// Says how long an operator takes for a message, on board alone and with its clouds: stated, or
 /// measured while it runs.
 ///
 /// The operators upstream keep this much of an end-to-end deadline in reserve. Their local
@@ -72,7 +72,7 @@ impl PyAligner {
         Self { inner, names, clock: ClockOrigin::new(now) }
     }
 
-    /// A message came; without a value it only says that nothing follows. Returns why it was dropped, if it was.
+    /// Takes a message, or without a value the news that nothing follows; returns why it was dropped, if it was.
     fn arrive(
         &mut self,
         at: u64,
@@ -93,7 +93,7 @@ impl PyAligner {
         arrived.err().map(JoinDropReason::as_str)
     }
 
-    /// Nothing more comes from this input.
+    /// Ends this input.
     fn end(&mut self, at: u64, index: usize) {
         self.inner.end(self.clock.instant(at), index);
     }
@@ -105,12 +105,12 @@ impl PyAligner {
         self.inner.set_reserve(reserve.on_board());
     }
 
-    /// Time went by.
+    /// Lets time go by.
     fn tick(&mut self, at: u64) {
         self.inner.tick(self.clock.instant(at));
     }
 
-    /// The lineage of a set that was given at `at`, which lacks these inputs; of a latest-value input's message, if it is of one.
+    /// Returns the lineage of a set that was given at `at` and lacks these inputs; `latest` is that of a latest-value input.
     fn lineage_of_set(
         &self,
         at: u64,
@@ -125,7 +125,7 @@ impl PyAligner {
         lineage.map(|lineage| self.clock.fields(&lineage))
     }
 
-    /// The next set that is to be given.
+    /// Returns the next set that is to be given.
     fn next_set<'py>(&mut self, py: Python<'py>) -> PyResult<Option<JoinedSet<'py>>> {
         let Some(joined) = self.inner.next_set() else { return Ok(None) };
         let Joined { key, set, missing, cause, lineage } = joined;
@@ -138,13 +138,13 @@ impl PyAligner {
         Ok(Some((key, by_name, missing, cause.as_str(), lineage)))
     }
 
-    /// When the next set is due, if one waits.
+    /// Returns when the next set is due, if one waits.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.inner.next_due().map(|due| self.clock.nanos(due))
     }
 
-    /// Whether each input has ended and every set was given.
+    /// Returns true once each input has ended and every set was given.
     #[getter]
     fn is_over(&self) -> bool {
         self.inner.is_over()
@@ -159,7 +159,7 @@ impl PyReorderer {
         Self { inner: Reorderer::new(wait, reserve), clock: ClockOrigin::new(now) }
     }
 
-    /// An item of `timestamp` came.
+    /// Takes an item of `timestamp`.
     fn arrive(
         &mut self,
         at: u64,
@@ -173,17 +173,17 @@ impl PyReorderer {
         self.inner.arrive(now, (timestamp, is_last), due, item);
     }
 
-    /// Time went by.
+    /// Lets time go by.
     fn tick(&mut self, at: u64) {
         self.inner.tick(self.clock.instant(at));
     }
 
-    /// Nothing more comes.
+    /// Ends the input.
     fn end(&mut self) {
         self.inner.end();
     }
 
-    /// The next item or report.
+    /// Returns the next item or report.
     fn next_ready(&mut self) -> Option<OrderedEntry> {
         Some(match self.inner.next_ready()? {
             Ordered::Item(item) => ("item", Some(item), None),
@@ -192,7 +192,7 @@ impl PyReorderer {
         })
     }
 
-    /// When the next item is due, if one waits.
+    /// Returns when the next item is due, if one waits.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.inner.next_due().map(|due| self.clock.nanos(due))
@@ -229,7 +229,7 @@ impl PyLatency {
         Self(Latency::stated_with_clouds(on_board, with_clouds))
     }
 
-    /// Measures: this percentile, of 1 to 100, of local's last 256 computations and of the last 256 messages; `at_first` for
+    /// Measures a percentile, 1 to 100, of local's last 256 computations and of the last 256 messages; it is `at_first` for
     /// either until 16 were recorded.
     #[staticmethod]
     fn measured(percent: i64, at_first: Nanos) -> PyResult<Self> {
@@ -251,13 +251,13 @@ impl PyLatency {
         self.0.record_local(Duration::from_nanos(took.0));
     }
 
-    /// What the operator needs on board, as it is now.
+    /// Returns what the operator needs on board, as it is now.
     #[getter]
     fn on_board(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().on_board()))
     }
 
-    /// What the operator takes with its clouds, as it is now.
+    /// Returns what the operator takes with its clouds, as it is now.
     #[getter]
     fn with_clouds(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().with_clouds()))
@@ -271,7 +271,7 @@ impl PyLatency {
 }
 
 impl ClockOrigin {
-    /// The clock reads `nanos` now.
+    /// Starts at a clock that reads `nanos` now.
     fn new(nanos: u64) -> Self {
         Self { nanos, instant: Instant::now() }
     }

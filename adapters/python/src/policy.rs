@@ -19,26 +19,26 @@ use crate::raised::DeadlineError;
 use crate::time::{Nanos, Plain};
 use crate::words::AnswerClasses;
 
-/// How many calls are remembered.
+/// Bounds how many calls are remembered.
 const WINDOW: usize = 64;
 
-/// A deadline in nanoseconds, the reason's word, the guard's case and the mean loss.
+/// Holds a deadline in nanoseconds, the reason's word, the guard's case and the mean loss.
 type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 
-/// A response in nanoseconds, whether it was answered then, and how many calls.
+/// Holds a response in nanoseconds, whether it was answered then, and how many calls.
 type ObservedCall = (u64, bool, u64);
 
-/// A figure: a number or a time, or the least and the greatest.
+/// Reads a figure: a number or a time, or the least and the greatest.
 pub(crate) struct FigureArgument<T>(Span<T>);
 
-/// What a policy knows: an object with these attributes.
+/// Reads what a policy knows: an object with these attributes.
 pub(crate) struct SituationFields {
     speed: FigureArgument<Plain>,
     reveal: Option<Plain>,
     under_way: Vec<Nanos>,
 }
 
-/// What an output costs: an object with the attributes of one of them, or a function.
+/// Reads what an output costs: an object with the attributes of one of them, or a function.
 pub(crate) enum LossFields {
     Impact { vehicle: VehicleArgument },
     Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
@@ -46,20 +46,20 @@ pub(crate) enum LossFields {
     Function(Py<PyAny>),
 }
 
-/// How well a detector does: an object with these attributes.
+/// Reads how well a detector does: an object with these attributes.
 pub(crate) struct DetectorFields {
     accuracy: Plain,
     overlap: Plain,
 }
 
-/// A class of hazards: an object with these attributes.
+/// Reads a class of hazards: an object with these attributes.
 pub(crate) struct Class {
     range_local: FigureArgument<Plain>,
     range_cloud: FigureArgument<Plain>,
     weight: Plain,
 }
 
-/// A vehicle, its sources and the hazards: an object with these attributes.
+/// Reads a vehicle, its sources and the hazards: an object with these attributes.
 pub(crate) struct VehicleArgument {
     deceleration: FigureArgument<Plain>,
     brake_delay: FigureArgument<Nanos>,
@@ -72,15 +72,15 @@ pub(crate) struct VehicleArgument {
     hazards: Vec<Class>,
 }
 
-/// The longest deadline that is safe.
+/// Chooses the longest deadline that is safe.
 #[pyclass(name = "Guard", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyGuard(pub(crate) deadline::Guard);
 
-/// The deadline of least mean loss.
+/// Chooses the deadline of least mean loss.
 #[pyclass(name = "Expected", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyExpected(pub(crate) SharedExpected);
 
-/// The policy, which an engine may have too.
+/// Shares the policy with an engine.
 #[derive(Clone)]
 pub(crate) struct SharedExpected {
     policy: Arc<Mutex<deadline::Expected<AnyLoss, WINDOW>>>,
@@ -88,7 +88,7 @@ pub(crate) struct SharedExpected {
     function: Option<Arc<LossFunction>>,
 }
 
-/// The ends of the last calls of one cloud.
+/// Remembers the ends of the last calls of one cloud.
 #[pyclass(name = "Observations", module = "fuseline._fuseline")]
 pub(crate) struct PyObservations(deadline::Observations<WINDOW>);
 
@@ -99,7 +99,7 @@ enum AnyLoss {
     Function(Arc<LossFunction>),
 }
 
-/// A loss that is a function of Python's.
+/// Calls a function of Python's for a loss.
 struct LossFunction {
     called: Py<PyAny>,
     /// The situation that the policy is asked about.
@@ -115,7 +115,7 @@ impl PyGuard {
         Ok(Self(guard(vehicle)?))
     }
 
-    /// The budgets of local and of the cloud in seconds, the case, and the longest deadline.
+    /// Returns the budgets of local and of the cloud in seconds, the case, and the longest deadline.
     fn judge(&self, known: SituationFields) -> (f64, f64, u8, u64) {
         let (situation, under_way) = known.split();
         let situation = Situation { under_way: &under_way, ..situation };
@@ -161,7 +161,7 @@ impl PyExpected {
         self.0.ended(end_of(end, age)?)
     }
 
-    /// How fast boxes moved; only a loss in a stream learns from it.
+    /// Learns how fast boxes moved; only a loss in a stream uses it.
     fn moved(&self, speeds: Vec<Plain>) -> PyResult<()> {
         if let AnyLoss::Stream(loss) = self.0.locked()?.loss_mut() {
             for Plain(speed) in speeds {
@@ -171,13 +171,13 @@ impl PyExpected {
         Ok(())
     }
 
-    /// What is known of the cloud.
+    /// Returns what is known of the cloud.
     fn observations(&self) -> PyResult<Vec<ObservedCall>> {
         Ok(self.0.locked()?.observations().sorted().map(seen).collect())
     }
 }
 
-/// What an output of local or of the cloud costs, so long after capture.
+/// Returns what an output of local or of the cloud costs, `response` after its capture.
 #[pyfunction]
 #[pyo3(signature = (loss, known, source, response))]
 pub(crate) fn loss(
@@ -210,12 +210,12 @@ impl PyObservations {
         Ok(())
     }
 
-    /// What is remembered: by response, answered calls before those given up.
+    /// Returns what is remembered: by response, answered calls before those given up.
     fn sorted(&self) -> Vec<ObservedCall> {
         self.0.sorted().map(seen).collect()
     }
 
-    /// The estimate of Kaplan and Meier: responses with the share answered then, and not by then.
+    /// Returns the estimate of Kaplan and Meier: responses with the share answered then, and not by then.
     fn survival(&self, under_way: Vec<Nanos>) -> Vec<(u64, f64, f64)> {
         let under_way = ages(under_way);
         let steps = Survival::new(self.0.sorted(), &under_way);
@@ -268,7 +268,7 @@ impl TryFrom<LossFields> for AnyLoss {
 }
 
 impl LossFunction {
-    /// Not a number once it has raised: then no deadline is chosen for its sake.
+    /// Returns NaN if the callback raises; `decide` then raises its error.
     fn loss(&self, source: Source, response: Duration) -> f64 {
         let word = match source {
             Source::Local => "local",
@@ -300,17 +300,17 @@ impl SharedExpected {
         Ok(())
     }
 
-    /// Whether it learns of longer deadlines only from calls that linger.
+    /// Returns true if it learns of longer deadlines only from calls that linger.
     pub(crate) fn needs_linger(&self) -> PyResult<bool> {
         Ok(self.locked()?.needs_linger())
     }
 
-    /// Whether its loss is a function of Python's.
+    /// Returns true if its loss is a function of Python's.
     pub(crate) const fn calls_python(&self) -> bool {
         self.function.is_some()
     }
 
-    /// The situation that a loss of Python's gets.
+    /// Sets the situation that a loss of Python's gets.
     pub(crate) fn set_situation(&self, situation: Py<PyAny>) {
         if let Some(function) = &self.function {
             *lock(&function.situation) = Some(situation);

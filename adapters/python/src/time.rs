@@ -7,23 +7,23 @@ use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
 use crate::raised::TimeError;
 use crate::words::AnswerClasses;
 
-/// A duration in nanoseconds, from seconds as a float, a `timedelta`, or the package's own `ns`. A plain int is refused, since
+/// Reads a duration from seconds as a float, a `timedelta`, or the package's own `ns`. It refuses a plain int, since
 /// it may be meant as either unit; 0 is the same in both.
 #[derive(Clone, Copy)]
 pub(crate) struct Nanos(pub(crate) u64);
 
-/// A number from 0 to 2⁶⁴ − 1.
+/// Reads a number from 0 to 2⁶⁴ − 1.
 #[derive(Clone, Copy)]
 pub(crate) struct Number(pub(crate) u64);
 
-/// A number in the unit of its figure, which is no time: a duration that was given for one is refused.
+/// Reads a number in the unit of its figure, which is no time, and refuses a duration in its place.
 #[derive(Clone, Copy)]
 pub(crate) struct Plain(pub(crate) f64);
 
 /// A second, in nanoseconds.
 const SECOND: f64 = 1e9;
 
-/// A duration as whole nanoseconds.
+/// Returns a duration as whole nanoseconds; a float is seconds, rounded to the nearest nanosecond.
 #[pyfunction]
 #[pyo3(signature = (duration, /))]
 pub(crate) fn nanoseconds(py: Python<'_>, duration: Nanos) -> PyResult<Py<PyAny>> {
