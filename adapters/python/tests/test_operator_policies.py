@@ -7,7 +7,6 @@ import gc
 import logging
 import random
 import weakref
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -342,39 +341,3 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
     assert fuseline.replay(trace) == trace.read_bytes()
     observed = check_observed(trace, tolerance=0, lateness=0)
     assert not observed.violations, str(observed)
-
-
-def test_what_makes_no_operator_is_refused() -> None:
-    async def cloud(request: Any, call: Call) -> Any: ...
-
-    async def handler(message: Any, t: int) -> Any: ...
-
-    def plain(message: Any, t: int) -> Any: ...
-
-    operator: Any = Operator(plain)
-    local: Any = Local
-    cases: list[tuple[Callable[[], Any], str]] = [
-        (lambda: Operator(plain, output_len=0), "an output_len of 0"),
-        (lambda: local.threads(plain, workers=0), "local computations at once of 0"),
-        (lambda: local.task(plain), "give a plain one to Local.threads"),
-        (lambda: local.threads(cloud), "give an async one to Local.task"),
-        (lambda: operator.use_cloud(cloud, handler, str, 1), "not an async def"),
-        (lambda: operator.use_cloud(cloud, plain, str, 1, calls=0), "calls at once of 0"),
-        (lambda: operator.write(1), "has not started"),
-    ]
-    for make, message in cases:
-        with pytest.raises(fuseline.ConfigError, match=message):
-            make()
-
-
-@pytest.mark.parametrize("window", [-5, 0, 1025])
-def test_refuses_a_window_that_is_none(window: int) -> None:
-    with pytest.raises(fuseline.ConfigError, match="a window of"):
-        Operator(local_after(0), window=window)
-
-
-def test_a_second_cloud_of_one_priority_is_refused() -> None:
-    operator: Operator[Any, Any] = Operator(local_after(0))
-    operator.use_cloud(after(0), ask(1.0), str, 7)
-    with pytest.raises(fuseline.ConfigError, match="two clouds of priority 7"):
-        operator.use_cloud(after(0), ask(1.0), str, 7)

@@ -409,23 +409,3 @@ def test_a_chain_is_fed_with_its_lineages_and_answers_by_the_end_to_end_deadline
         return read
 
     assert run(main) == [(seq, "a plan by the last boxes", 0.27) for seq in range(5)]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda join: Join(window=0),
-        lambda join: Join(output_len=0),
-        lambda join: Join(wait=1),
-        lambda join: join.aligned("left"),
-        lambda join: join.aligned("right", key=7),
-        lambda join: join.on_drop(None),
-        lambda join: join.latest("place", -1.0),
-        lambda join: join.origin_of("left"),
-    ],
-)
-def test_a_join_that_cannot_be_is_refused(wrong: Any) -> None:
-    join = Join()
-    join.aligned("left")
-    with pytest.raises((fuseline.ConfigError, fuseline.TimeError, TypeError)):
-        wrong(join)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-import fuseline
 import pytest
 from fuseline import JoinCause, JoinDrop, JoinDropReason, Joined
 from fuseline.ros import TimeSynchronizer
@@ -162,12 +161,3 @@ def test_an_executor_with_several_threads_loses_no_count_and_no_timer(
     assert (joined.counts["right", "dropped late"], joined.counts["left", "dropped late"]) == (1, 1)
     assert after == pytest.approx([0.02, 0.005, 0.02])
     assert not set_timers and ended == ["cancel", "destroy"] * 3
-
-
-def test_a_synchronizer_that_cannot_be_is_refused() -> None:
-    with pytest.raises(fuseline.ConfigError):
-        TimeSynchronizer(None, {}, wait=0.1)
-    with pytest.raises(TypeError):
-        TimeSynchronizer(None, {"left": Topic()}, wait=1)
-    with pytest.raises(fuseline.ConfigError):
-        TimeSynchronizer(None, {"left": Topic()}, wait=0.1, window=0)

@@ -181,12 +181,6 @@ def test_a_box_that_overlaps_by_just_the_least_is_the_one_of_before() -> None:
     assert forecast.update(0.5, [(0.0, 0.0, 1.0, 1.0)]) == [1.0]
 
 
-@pytest.mark.parametrize("shares", [(0.0, 0.5), (0.3, 0.0), (1.1, 0.5), (0.3, math.nan)])
-def test_a_forecast_by_what_is_no_share_is_refused(shares: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match="shares"):
-        Forecast(*shares)
-
-
 def test_overlap_is_symmetric_and_a_share() -> None:
     rng = random.Random(5)
     for _ in range(1000):
