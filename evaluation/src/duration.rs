@@ -83,7 +83,7 @@ mod tests {
         ] {
             assert_eq!(duration(text, "1s", &ANY), Ok(Duration::from_nanos(nanos)), "{text}");
         }
-        assert_eq!(seconds(Duration::from_nanos(3_027_000_000)).to_string(), "3.027");
+        assert_eq!(seconds(Duration::from_millis(3_027)).to_string(), "3.027");
     }
 
     #[test]
