@@ -91,7 +91,7 @@ struct Relay {
 }
 
 impl Relay {
-    fn start(server: &Server, hold: Hold) -> Self {
+    fn start(server: &Server, pattern: Hold) -> Self {
         let runtime = Runtime::new().unwrap();
         let requests = Arc::<Mutex<Vec<RelayedRequest>>>::default();
         let log = Arc::clone(&requests);
@@ -110,7 +110,7 @@ impl Relay {
                         *queued += 1;
                         *queued - 1
                     };
-                    hold.wait(request.timestamp, &queued, &is_over).await;
+                    pattern.wait(request.timestamp, &queued, &is_over).await;
                     let slot = request.timestamp;
                     let reply = client.infer(tonic::Request::new(request)).await;
                     *queued.lock().unwrap() -= 1;
