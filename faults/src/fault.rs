@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 use serde::Deserialize;
+use sha2::{Digest, Sha256};
 
 use crate::error::FaultsError;
 use crate::items::{Function, FunctionIndex};
-use crate::tree::Tree;
+use crate::tree::{Tree, hex};
 
 /// Where they are kept: those of the machine, those around it, and those of the wheel.
 pub(crate) const FILES: [&str; 3] =
@@ -165,6 +166,18 @@ impl SeededFault {
             return Err(error(&self.name, &format!("{} has changed since it was read", self.file)));
         }
         Ok([&source[..self.at.start], &self.replace, &source[self.at.end..]].concat())
+    }
+
+    /// A digest of the change that it makes.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        let item = self.function.as_ref().map_or(&self.file, |function| &function.path);
+        let mut digest = Sha256::new();
+        for part in [item, &self.find, &self.replace] {
+            digest.update(part.len().to_le_bytes());
+            digest.update(part);
+        }
+        hex(&digest.finalize())
     }
 
     /// All that it changes, itself first.

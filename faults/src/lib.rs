@@ -31,4 +31,4 @@ pub use kind::{KINDS, Tier, WitnessKind};
 pub use mcdc::{Evaluation, IndependencePair, McdcReport, SourceDecision};
 pub use schemata::can_share;
 pub use table::{ExpectedWitnesses, FaultRow, PromiseRow, Table, expected};
-pub use tree::{Tree, write};
+pub use tree::{Tree, hex, write};

@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use sha2::{Digest, Sha256};
+
 use crate::error::FaultsError;
 
 /// The root folder of the project, or of a copy of it.
@@ -52,6 +54,31 @@ impl Tree {
         }
         files.sort();
         Ok(files)
+    }
+
+    /// A digest of all files at or below these names, but those whose names begin as a name after a `!` does.
+    ///
+    /// Of Rust, lines of comments and empty lines are left out: rewording them changes no result.
+    ///
+    /// # Errors
+    /// As for [`files`](Self::files).
+    pub fn digest(&self, names: &[&str]) -> Result<String, FaultsError> {
+        let (without, with): (Vec<&str>, Vec<&str>) =
+            names.iter().partition(|name| name.starts_with('!'));
+        let is_without = |name: &str| without.iter().any(|start| name.starts_with(&start[1..]));
+        let mut digest = Sha256::new();
+        for name in self.files(&with)?.into_iter().filter(|name| !is_without(name)) {
+            let path = self.path(&name);
+            let mut content = fs::read(&path).map_err(FaultsError::file(&path))?;
+            if path.extension().is_some_and(|extension| extension == "rs") {
+                content = code(&content);
+            }
+            digest.update(name.len().to_le_bytes());
+            digest.update(&name);
+            digest.update(content.len().to_le_bytes());
+            digest.update(content);
+        }
+        Ok(hex(&digest.finalize()))
     }
 
     /// Makes `copy` hold what git would keep of this tree, with the texts of `changed` instead of its own, and nothing else.
@@ -135,4 +162,53 @@ pub fn write(path: &Path, text: &str) -> Result<(), FaultsError> {
         fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
     }
     fs::write(path, text).map_err(FaultsError::file(path))
+}
+
+/// Bytes in hexadecimal.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// A Rust file without its lines of comments and its empty lines.
+fn code(content: &[u8]) -> Vec<u8> {
+    let says_something = |line: &&[u8]| {
+        let line = line.trim_ascii();
+        !line.is_empty() && !line.starts_with(b"//")
+    };
+    content
+        .split_inclusive(|&byte| byte == b'\n')
+        .filter(says_something)
+        .flatten()
+        .copied()
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_change_no_digest_and_code_does() -> Result<(), FaultsError> {
+        let root = std::env::temp_dir().join(format!("fuseline-tree-{}", std::process::id()));
+        let tree = Tree::new(root.clone());
+        let reported = |name: &str, content: &str| {
+            let path = tree.path(name);
+            fs::create_dir_all(&root).map_err(FaultsError::file(&path))?;
+            fs::write(&path, content).map_err(FaultsError::file(&path))?;
+            tree.digest(&[name])
+        };
+        let code = reported("a.rs", "//! Words.\n\nfn f() {\n    g() // why\n}\n")?;
+        assert_eq!(
+            reported("a.rs", "/// Others.\nfn f() {\n    // More.\n    g() // why\n}\n")?,
+            code
+        );
+        assert_ne!(reported("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
+        assert_ne!(reported("a.txt", "// Words.\n")?, reported("a.txt", "// Others.\n")?);
+        fs::remove_dir_all(&root).map_err(FaultsError::file(&root))
+    }
 }
