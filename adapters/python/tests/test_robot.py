@@ -540,8 +540,8 @@ def test_a_policy_on_board_acts_where_the_server_does_not() -> None:
     def refused() -> Any:
         raise ConnectionRefusedError
 
-    with Always(refused, OnBoard(), period=0.01) as policy:
-        assert [policy.infer(t) for t in range(5)] == [0, -1, -2, -3, -4]
+    with Always(refused, OnBoard(), period=0.5) as policy:
+        assert [policy.infer(t) for t in range(3)] == [0, -1, -2]
 
 
 @pytest.mark.parametrize(

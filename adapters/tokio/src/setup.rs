@@ -65,7 +65,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
     ///
     /// - `handle` makes the call, in a task of its own, and must not block: it would hold up calls that share its thread, on a
-    ///   runtime of one thread the operator. [`encoding`](crate::encoding) encodes in a thread first. Dropping its future must abort the call:
+    ///   runtime of one thread the operator. [`EncodeOnce`](crate::EncodeOnce) encodes in a thread first. Dropping its future must abort the call:
     ///   that happens when its timer fires or another result is forwarded (F5, F7). An error or a
     ///   panic is a failure (F4).
     /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
