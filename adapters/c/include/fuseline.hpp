@@ -322,9 +322,11 @@ class Machine {
     }));
   }
 
-  // Reports the result of a source (F3).
+  // Reports the result of a source (F3). Only a machine that records looks at `meant_for`.
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired) {
+  [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired,
+                                             std::optional<Timestamp> meant_for = std::nullopt) {
+    static_cast<void>(meant_for);
     return ask(fired, [&](fuseline_answer* answer) {
       return fuseline_result(machine_, now.ns(), t.count, source.number, answer);
     });
@@ -667,9 +669,11 @@ class Operator {
     return machine_.offer(now(), t, cloud, deadline, backlog, fired());
   }
 
-  // Takes a source's result with this value.
-  std::optional<Answer> result(Timestamp t, Priority source, Value value) {
-    return concluded([&] { return machine_.result(now(), t, source, fired()); },
+  // Takes a source's result with this value. `meant_for` is the message that the value is meant for, as the reply
+  // states it: never copy `t`. A value that is meant for another message counts as a failure of its source (D18).
+  std::optional<Answer> result(Timestamp t, Priority source, Value value, std::optional<Timestamp> meant_for = std::nullopt) {
+    if (meant_for && meant_for->count != t.count) return fail(t, source);
+    return concluded([&] { return machine_.result(now(), t, source, fired(), meant_for); },
                      [&](const Answer& answer) {
                        conclude(answer, [&] { return held_.result(source, std::move(value), answer); });
                      });

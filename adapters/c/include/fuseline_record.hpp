@@ -12,8 +12,10 @@
 #include "fuseline.hpp"
 
 #include <functional>
+#include <map>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace fuseline {
 
@@ -88,8 +90,9 @@ class RecordedMachine : public Machine<Capacity> {
   }
 
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired) {
-    return settled("result", t, source, Base::result(now, t, source, passing(fired)));
+  [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired,
+                                             std::optional<Timestamp> meant_for = std::nullopt) {
+    return settled("result", t, source, Base::result(now, t, source, passing(fired)), meant_for);
   }
 
   template <class Fired>
@@ -126,11 +129,14 @@ class RecordedMachine : public Machine<Capacity> {
     };
   }
 
-  std::optional<Answer> settled(const char* ev, Timestamp t, Priority source, const std::optional<Answer>& answer) {
+  std::optional<Answer> settled(const char* ev, Timestamp t, Priority source, const std::optional<Answer>& answer,
+                                std::optional<Timestamp> meant_for = std::nullopt) {
     if (!answer) return answer;
     input(ev, *answer, &t);
     member("p", source.number);
+    if (meant_for) member("for", meant_for->count);
     finish();
+    if (meant_for && !answer->is(FUSELINE_OUTCOME_DROPPED)) meant_[{t.count, source.number}] = meant_for->count;
     if (answer->is(FUSELINE_OUTCOME_HELD)) plain("hold", *answer, source);
     if (answer->is(FUSELINE_OUTCOME_DROPPED)) why("drop", *answer, &source);
     ending(*answer);
@@ -140,10 +146,24 @@ class RecordedMachine : public Machine<Capacity> {
 
   void ending(const Answer& answer) {
     const bool is_last = answer.is(FUSELINE_OUTCOME_FORWARDED);
-    if (is_last || answer.is(FUSELINE_OUTCOME_PRELIMINARY)) plain("emit", answer, answer.by());
+    if (is_last || answer.is(FUSELINE_OUTCOME_PRELIMINARY)) emit(answer);
     for (const Priority cloud : answer.cancelled()) plain("cancel", answer, cloud);
     if (answer.is(FUSELINE_OUTCOME_FINAL) || (is_last && commit_ == Commit::progressive)) plain("final", answer, answer.by());
-    if (answer.is(FUSELINE_OUTCOME_MISSED)) begin("miss", answer, nullptr), finish();
+    const bool is_missed = answer.is(FUSELINE_OUTCOME_MISSED);
+    if (is_missed) begin("miss", answer, nullptr), finish();
+    if (is_last || is_missed || answer.is(FUSELINE_OUTCOME_FINAL)) {
+      const std::uint64_t t = answer.timestamp().count;
+      meant_.erase(meant_.lower_bound({t, 0}), meant_.upper_bound({t, ~std::uint64_t{0}}));
+    }
+  }
+
+  // Records the output with what its value was said to be meant for.
+  void emit(const Answer& answer) {
+    const Priority source = answer.by();
+    begin("emit", answer, &source);
+    const auto meant = meant_.find({answer.timestamp().count, source.number});
+    if (meant != meant_.end()) member("for", meant->second);
+    finish();
   }
 
   void input(const char* ev, const Answer& answer, const Timestamp* t) {
@@ -202,6 +222,8 @@ class RecordedMachine : public Machine<Capacity> {
   std::uint64_t greatest_;
   std::string header_, line_, lines_;
   std::function<bool(std::string_view)> write_;
+  // The message that the value of each result is meant for, by timestamp and source, until the message ends.
+  std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint64_t> meant_;
   std::optional<Instant> ticked_, decided_;
   bool is_used_ = false, is_writing_ = false, is_ended_ = false;
 };

@@ -59,9 +59,14 @@ struct Node {
       case 1: static_cast<void>(op.offer(t, p, std::chrono::nanoseconds(chance(120)), chance(10))); break;
       case 2: static_cast<void>(op.fail(t, p)); break;
       case 3: static_cast<void>(op.tick()); break;
-      default: static_cast<void>(op.result(t, p, 1));
+      default: static_cast<void>(op.result(t, p, 1, meant_for(t)));
     }
     --depth;
+  }
+  // The message that a reply says its value is meant for: its own, another one, or nothing.
+  static std::optional<Timestamp> meant_for(Timestamp t) {
+    const auto kind = chance(80);
+    return kind > 40 ? std::nullopt : std::optional<Timestamp>(Timestamp{t.count + (kind == 40 ? 1 : 0)});
   }
   void open(Timestamp t) {
     const auto opened = op.open(t, limit());
@@ -95,11 +100,24 @@ void is_refused_when_late() {
   HOLDS(twice.op.record([](std::string_view) { return true; }) && !twice.op.record([](std::string_view) { return true; }));
 }
 
+void fails_what_is_meant_for_another() {
+  Node node(Commit::eager);
+  std::string trace;
+  HOLDS(node.op.record([&](std::string_view line) { return trace += line, true; }));
+  HOLDS(node.op.open(Timestamp{1}).has_value());
+  HOLDS(node.op.result(Timestamp{1}, Priority{0}, 7, Timestamp{2}).has_value() && node.outputs == 0);
+  HOLDS(trace.find("\"ev\":\"fail\"") != std::string::npos && trace.find("\"for\"") == std::string::npos);
+  HOLDS(node.op.open(Timestamp{2}).has_value());
+  HOLDS(node.op.result(Timestamp{2}, Priority{0}, 7, Timestamp{2}).has_value() && node.outputs == 1);
+  HOLDS(trace.find("\"ev\":\"emit\"") < trace.rfind("\"for\":2") && trace.find("\"for\":2") < trace.find("\"ev\":\"emit\""));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   ends_when_the_disk_is_full();
   is_refused_when_late();
+  fails_what_is_meant_for_another();
   const char* rule = argc > 1 ? argv[1] : "eager";
   const Commit commit = std::strcmp(rule, "eager") == 0     ? Commit::eager
                         : std::strcmp(rule, "patient") == 0 ? Commit::patient
