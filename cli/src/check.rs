@@ -37,12 +37,13 @@ by itself, and conforms if the rules can explain what came out of it, given that
 off by the tolerance and that timers and outputs may be late by the lateness. Memory grows with the
 timestamps that are open at once, not with the trace.
 
-A trace does not say whether its run is over, so an operator that hangs leaves one that conforms.
-Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
-operator is to open a message so often, whatever their timestamps are.
+A hung operator conforms unless you give --ended or --period, or the recorder writes a last tick: a
+trace does not show that its run is over. With --period the operator must open a message at least that
+often, whatever its timestamp is.
 
-Conforms says that nothing is in doubt. Else the verdict is \"no violation found\", with what the judge
-could not see, and the exit code is 3; --accept takes kinds of doubt as they are:
+A trace conforms if it breaks no rule and nothing is in doubt. If something is, the verdict is \"no
+violation found\" with what the judge could not see, and the exit code is 3. --accept accepts kinds of
+doubt:
   unjudged    no timestamp was judged
   unanswered  messages have no output, though later ones were answered
   unfinished  messages were open when the run ended (--ended)
@@ -52,11 +53,11 @@ could not see, and the exit code is 3; --accept takes kinds of doubt as they are
   blurred     all lies within the tolerance, so that its order is unknown
   endless     no deadline of a source ended within the trace
   cut         the trace was cut off (--truncated)
-A message that is open at the end within its deadlines is no doubt. Of strict traces only the first
-three and cut are.
+A message that is still within its deadlines when the trace ends is not in doubt. Without --observed,
+only unjudged, unanswered, unfinished and cut can occur.
 
-With --from, --to or --timestamps the verdict is about a part: what is counted and found there. All is
-read, since what the rules demand depends on what came before.
+With --from, --to or --timestamps the verdict is about that part alone. The whole trace is read, because
+the rules depend on everything that came before.
 
 Exit code 0 if all traces conform, 1 if one breaks a rule, 2 if one cannot be read, 3 if something is in
 doubt; 2 wins over 1, and 1 over 3. Traces in gzip, zstd or MCAP are unpacked as they are read; several
