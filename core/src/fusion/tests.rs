@@ -40,7 +40,7 @@ fn ready(fusion: &mut Small, now: u64) -> Ready<'_, 3, 4> {
 }
 
 #[test]
-fn refuses_configurations_out_of_range() {
+fn configurations_out_of_range_are_refused_with_the_reason() {
     let new = |window, clouds: &[Cloud]| Small::new(window, Commit::Eager, clouds).unwrap_err();
     let cloud = |p| Cloud::new(Priority::new(p), 1);
     assert_eq!(new(0, &[]), ConfigError::Window { window: 0, capacity: 4 });
@@ -78,7 +78,7 @@ fn open_is_refused_for_the_first_reason() {
 }
 
 #[test]
-fn offer_gives_first_reason_and_asks_gate_last() {
+fn offer_is_refused_for_the_first_reason_and_moves_the_gate_only_if_none_holds() {
     let mut fusion = machine(4, Commit::Eager);
     let mut inputs = ready(&mut fusion, 10);
     let unknown = Admission::Refused(OfferRefusal::Unknown);
@@ -104,7 +104,7 @@ fn offer_gives_first_reason_and_asks_gate_last() {
 }
 
 #[test]
-fn result_at_due_is_late() {
+fn result_before_its_due_instant_is_in_time_and_at_it_late() {
     for commit in [Commit::Eager, Commit::Patient] {
         let mut fusion = machine(4, commit);
         let mut inputs = ready(&mut fusion, 0);
@@ -167,7 +167,7 @@ fn clock_at_its_end_saturates_and_stays() {
 }
 
 #[test]
-fn retired_is_superseded_and_future_is_unknown() {
+fn retired_timestamp_is_superseded_and_one_beyond_all_unknown() {
     let mut fusion = machine(4, Commit::Eager);
     let mut inputs = ready(&mut fusion, 0);
     assert_eq!(inputs.open(t(5), None), Opening::Accepted);
@@ -183,7 +183,7 @@ fn retired_is_superseded_and_future_is_unknown() {
 
 /// Neither due instants of disarmed timers nor places in memory make machines unequal.
 #[test]
-fn equal_answers_mean_equal_machines_and_hashes() {
+fn machines_that_answer_alike_are_equal_and_hash_alike() {
     let hash = |fusion: &Small| {
         let mut hasher = DefaultHasher::new();
         fusion.hash(&mut hasher);
@@ -226,7 +226,7 @@ fn machine_stays_small() {
 }
 
 #[test]
-fn ready_fires_what_at_fires() {
+fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
     let clouds = [Cloud::new(NEAR, 9), Cloud::new(FAR, 9)];
     for commit in [Commit::Eager, Commit::Patient] {
         let mut by_ready = Fusion::<2, 4>::new(4, commit, &clouds).unwrap();
@@ -255,7 +255,7 @@ fn ready_fires_what_at_fires() {
 }
 
 #[test]
-fn offer_refusal_predicts_and_changes_nothing() {
+fn what_an_offer_would_be_answered_is_known_before_and_changes_nothing() {
     // Once shut, FAR's gate stays shut at 1 and 2 queued requests.
     let clouds = [Cloud { priority: FAR, limit: 3, resume: 0 }, Cloud::new(NEAR, 3)];
     for script in 0..4_096_u64 {

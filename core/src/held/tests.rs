@@ -66,7 +66,7 @@ impl Inputs {
 }
 
 #[test]
-fn keeps_only_the_best_held_value() {
+fn the_best_held_value_is_kept_and_the_lesser_is_dropped() {
     let mut inputs = Inputs::new();
     inputs.open(0);
     inputs.result(0, Priority::LOCAL);
@@ -91,7 +91,7 @@ fn a_lesser_value_that_comes_later_is_not_kept() {
 }
 
 #[test]
-fn forwarding_drops_the_held_value() {
+fn a_result_that_is_forwarded_at_once_drops_what_was_held() {
     let mut inputs = Inputs::new();
     inputs.open(0);
     inputs.result(0, Priority::LOCAL);

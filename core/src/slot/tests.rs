@@ -93,7 +93,7 @@ fn valid_states_are_exactly_the_reachable_ones() {
 }
 
 #[test]
-fn refuses_unreachable_sets() {
+fn sets_that_no_inputs_lead_to_are_refused_with_the_reason() {
     let from = |r: &[u8], p: &[u8], a: &[u8], c: &[u8]| {
         Slot::from_sets(Commit::Eager, set(r), set(p), set(a), set(c)).unwrap_err()
     };
@@ -115,7 +115,7 @@ fn refuses_unreachable_sets() {
 }
 
 #[test]
-fn best_result_is_forwarded_and_cancels_pending() {
+fn result_with_nothing_above_it_is_forwarded_and_cancels_the_pending_clouds() {
     for commit in RULES {
         let slot = requested(true, &[1, 2, 3]);
         assert_eq!(slot.step(commit, result(3)), forwarded(3, &[1, 2]));
@@ -144,7 +144,7 @@ fn held_local_loses_its_limit() {
 }
 
 #[test]
-fn eager_timer_commits_the_best_available() {
+fn eager_cloud_timer_commits_the_best_available_whoever_owns_it() {
     let commit = Commit::Eager;
     let available = after(commit, requested(false, &[1, 2, 3]), &[result(0), result(2)]);
     for timer in [1, 2, 3] {
@@ -166,7 +166,7 @@ fn patient_timer_closes_its_own_request_alone() {
 }
 
 #[test]
-fn local_deadline_alone_commits_nothing() {
+fn limit_alone_commits_nothing_while_something_better_is_pending() {
     for commit in HOLDING {
         let available = after(commit, requested(true, &[1, 2]), &[result(1)]);
         let (waiting, decision) = available.step(commit, timers(&[0]));
@@ -188,7 +188,7 @@ fn nothing_available_and_nothing_pending_is_missed() {
 }
 
 #[test]
-fn failure_of_the_last_better_source_forwards() {
+fn failure_of_what_outranks_the_best_forwards_it_at_once() {
     for commit in HOLDING {
         let available = after(commit, requested(false, &[1, 2, 3]), &[result(2)]);
         assert_eq!(available.step(commit, failure(3)), forwarded(2, &[1]));
@@ -227,7 +227,7 @@ fn timers_that_are_not_armed_count_for_nothing() {
 }
 
 #[test]
-fn refuses_closed_duplicate_and_outranked_offers() {
+fn offers_are_refused_when_closed_requested_before_or_outranked() {
     let slot = after(Commit::Eager, requested(false, &[2, 3]), &[result(2)]);
     assert_eq!(slot.offer(source(2)), (slot, Some(OfferRefusal::Duplicate)));
     assert_eq!(slot.offer(source(0)), (slot, Some(OfferRefusal::Duplicate)));
@@ -237,7 +237,7 @@ fn refuses_closed_duplicate_and_outranked_offers() {
 }
 
 #[test]
-fn progressive_sends_each_better_result_then_ends() {
+fn progressive_sends_each_better_result_at_once_and_ends_when_nothing_better_is_pending() {
     let commit = Commit::Progressive;
     let sent =
         |by, cancelled: &[u8]| Decision::Preliminary { by: source(by), cancelled: set(cancelled) };
@@ -263,7 +263,7 @@ fn progressive_sends_each_better_result_then_ends() {
 }
 
 #[test]
-fn progressive_skips_local_after_a_cloud() {
+fn progressive_does_not_wait_for_local_once_a_cloud_was_sent() {
     let commit = Commit::Progressive;
     let (slot, decision) = requested(true, &[1, 2]).step(commit, result(1));
     assert_eq!(decision, Decision::Preliminary { by: source(1), cancelled: set(&[]) });
@@ -272,7 +272,7 @@ fn progressive_skips_local_after_a_cloud() {
 }
 
 #[test]
-fn progressive_drops_outranked_as_superseded() {
+fn progressive_drops_what_is_outranked_as_superseded_also_if_it_was_never_requested() {
     let commit = Commit::Progressive;
     let slot = after(commit, requested(false, &[2, 3]), &[result(2)]);
     assert_eq!(slot.step(commit, result(1)).1, Decision::Dropped(DropReason::Superseded));
@@ -282,7 +282,7 @@ fn progressive_drops_outranked_as_superseded() {
 
 /// Progressive admits and retires as patient does, and its last output is patient's output (P13).
 #[test]
-fn progressive_retires_and_admits_as_patient_does() {
+fn progressive_retires_and_admits_as_patient_does_from_every_pair_of_states() {
     const SOURCES: u8 = 4;
     let mut seen = BTreeSet::new();
     let bits = |slot: Slot| {

@@ -112,7 +112,7 @@ fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
 }
 
 #[test]
-fn small_windows_agree_with_a_map() {
+fn it_agrees_with_a_map_at_every_step_of_small_windows() {
     churn::<1>(2_000, 1);
     churn::<2>(5_000, 1);
     churn::<3>(5_000, 1);
@@ -129,7 +129,7 @@ fn it_agrees_with_a_map_in_the_greatest_window() {
 }
 
 #[test]
-fn equal_due_instants_fire_by_timestamp() {
+fn equal_dues_go_by_timestamp_wherever_their_entries_are() {
     let mut window = Window::<1, 8>::new();
     for t in 0..8 {
         assert!(window.push(Timestamp::new(t), due_at(5)));
@@ -160,7 +160,7 @@ fn due_at_the_end_of_the_clock_is_not_taken_for_none() {
 }
 
 #[test]
-fn only_an_earlier_due_instant_changes_the_key() {
+fn an_earlier_due_of_another_source_is_noticed_and_a_later_one_is_not() {
     let mut window = Window::<1, 4>::new();
     assert!(window.push(Timestamp::new(1), due_at(10)));
     assert!(window.push(Timestamp::new(2), due_at(20)));

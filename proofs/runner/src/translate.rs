@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_callees_count_in_whole_slots() {
+    fn frames_of_what_is_called_are_counted_in_whole_slots() {
         assert_eq!(frames(C), Ok(32));
     }
 }
