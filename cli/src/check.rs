@@ -186,6 +186,8 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
         return Err(FollowError::NotOne.into());
     }
     let name = path.display().to_string();
+    // Before the file is looked at: whoever sees that it was read may interrupt.
+    let interrupt = Interrupt::watch();
     let file = plain_file(path, &name)?;
     let bar = ProgressBar::no_length();
     bar.set_style(
@@ -194,7 +196,7 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
     );
     bar.set_prefix(name.clone());
     let mode = args.how.mode()?;
-    let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
+    let mut reader = reader(mode, &name, Tail::new(file, interrupt))?;
     let mut judging = args.how.judging(&name, &reader)?;
     let mut reported = 0;
     while let TraceStep::Event(event) = next_event(&mut reader, TraceEnd::Growing)? {
