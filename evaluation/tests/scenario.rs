@@ -60,7 +60,7 @@ fn traces(folder: &Path) -> usize {
 const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
 
 #[test]
-fn the_cells_of_the_traffic_jam_are_reported_with_their_parameters() {
+fn traffic_jam_reports_cells_with_parameters() {
     let printed = json(&[&JAM[..], &["--speed", "11,22", "--response", "750ms,1s"]].concat());
     assert_eq!(printed["scenario"], "traffic-jam");
     assert_eq!(printed["parameters"]["vehicle"]["deceleration"], 7.5);
@@ -187,7 +187,7 @@ fn only_a_cached_plan_is_fast_enough_for_the_person() {
 }
 
 #[test]
-fn of_several_hypotheses_the_likeliest_is_planned_first_and_the_last_comes_late() {
+fn plans_likeliest_hypothesis_first() {
     let all = ["jaywalking", "--hypothesis", "door=0.1,car=0.4,cyclist=0.2,person=0.3"];
     let printed = json(&all);
     let rows = printed["hypotheses"].as_array().unwrap();

@@ -85,7 +85,7 @@ impl From<Lineage> for Option<Arc<Lineage>> {
 }
 
 impl<V> StampedValue<V> {
-    /// What its source says of it.
+    /// The keys that the source states about the value.
     pub(crate) const fn keys(&self) -> ValueKeys {
         ValueKeys { of: self.of, meant_for: self.meant_for }
     }

@@ -106,7 +106,7 @@ fn set_is_given_while_the_reserve_is_left() {
     assert_eq!(run.brief(), [(3, JoinCause::Due, 1)]);
 }
 
-/// Of several revisions the last one is in the set; when the set is due, the latest so far is (E5).
+/// A set has the last of several revisions, or the latest one so far when the set is due (E5).
 #[test]
 fn last_revision_completes_the_set() {
     let mut run = Cameras::new();

@@ -130,7 +130,7 @@ fn no_message_is_open_after_its_budget() {
     }
 }
 
-/// Without an end-to-end deadline nothing ends earlier (E3).
+/// Nothing ends earlier if there is no end-to-end deadline (E3).
 #[test]
 fn no_end_to_end_deadline_ends_nothing_earlier() {
     let (mut engine, start) = changed(|config| config.has_substitutes = true);

@@ -331,7 +331,7 @@ fn keep_last<I, O: Clone + Send + Sync + 'static>(
     last
 }
 
-/// What the cameras see; by whom is for a detector to say.
+/// Holds what the cameras see. A detector finds out who is there.
 fn see(scene: &Joined<Scene>) -> Option<PerceivedScene> {
     let Scene { left, right, .. } = scene.set;
     let frames = || [left, right].into_iter().flatten();

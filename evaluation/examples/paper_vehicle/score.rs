@@ -18,7 +18,7 @@ use std::time::Duration;
 
 use super::recording::{Corners, Recording, Seen};
 
-/// What control did at one tick.
+/// Records what control did at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Command {
     /// The tick, since the drive began.
@@ -29,7 +29,7 @@ pub(crate) struct Command {
     pub(crate) seen: Option<Seen>,
 }
 
-/// What the table says of a drive.
+/// Holds the figures of a drive that the table shows.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Figures {
     /// Streaming AP50, in percent.

@@ -245,7 +245,7 @@ def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
 
 
 def _see(joined: Joined) -> Scene | None:
-    """What the cameras see; by whom is for a detector to say."""
+    """Holds what the cameras see. A detector finds out who is there."""
     left: Frame | None = joined.set.get("left")
     right: Frame | None = joined.set.get("right")
     frames = [frame for frame in (left, right) if frame is not None]

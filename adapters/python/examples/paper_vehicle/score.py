@@ -1,4 +1,4 @@
-"""What was recorded of detection, and the score of a drive: *streaming AP50*.
+"""Reads the recorded detections and scores a drive by *streaming AP50*.
 
 The boxes behind each command are compared with where people are in the newest frame that was
 captured by its tick. `score.rs` of the example in Rust defines it.
@@ -36,7 +36,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Command:
-    """What control did at one tick."""
+    """Records what control did at one tick."""
 
     #: Milliseconds since the drive began.
     tick: int
@@ -48,7 +48,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Figures:
-    """What the table says of a drive; shares and precision in percent, ages in milliseconds."""
+    """Holds the figures of a drive: shares and precision in percent, ages in milliseconds."""
 
     ap50: float
     old: float
@@ -63,7 +63,7 @@ def captured(frame: int) -> int:
 
 
 class Recording:
-    """What three networks found, how long each took, and where people are."""
+    """Holds the finds and times of three networks, and where people are."""
 
     def __init__(self) -> None:
         self._kept: KeptDetections = load()
