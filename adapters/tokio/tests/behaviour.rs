@@ -6,7 +6,7 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 use crate::support::SourceAction::{Answers, Never};
-use crate::support::{ClosureOperator, Script, line, play, play_default};
+use crate::support::{ClosureOperator, Script, line, play, play_default, without_deadline};
 use fuseline_tokio::{
     Call, Config, Ending, Error, Item, Local, OfferRefusal, Operator, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
@@ -469,7 +469,7 @@ async fn an_output_that_nobody_reads_stops_nothing() {
 async fn threads_compute_as_many_messages_at_once_as_there_are() {
     let barrier = Arc::new(Barrier::new(4));
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| {
-        Local::threads(4, move || {
+        without_deadline(Local::threads(4, move || {
             let barrier = Arc::clone(&barrier);
             let mut computed = 0;
             move |_: &u64, _| {
@@ -478,7 +478,7 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
                 computed += 1;
                 Ok(format!("the thread's number {computed}"))
             }
-        })
+        }))
     });
     let (mut camera, frames) = stream(8);
     let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
@@ -497,10 +497,10 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
 #[tokio::test]
 async fn a_thread_that_panics_goes_on_with_the_next_message() {
     let operator = ClosureOperator(|_: &mut Setup<u64, String>| {
-        Local::blocking(|message: &u64, _| {
+        without_deadline(Local::blocking(|message: &u64, _| {
             assert_ne!(*message, 0, "on purpose");
             Ok("local".into())
-        })
+        }))
     });
     let (mut camera, frames) = stream(8);
     let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
