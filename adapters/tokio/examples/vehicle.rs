@@ -32,7 +32,6 @@ impl Operator for Vehicle {
     }
 }
 
-// ANCHOR: deadlines
 /// A cloud that gets as long as is safe at this speed and worth it, and 2 s at most.
 fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     let guard = Guard::new(Parameters::default())?;
@@ -45,9 +44,7 @@ fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     setup.use_situation(|frame, _t| Situation::at(MetresPerSecond(frame.speed)));
     Ok(())
 }
-// ANCHOR_END: deadlines
 
-// ANCHOR: side
 /// A planner whose answers help local with later messages, and are no outputs.
 fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
     let plan = SharedState::new(Plan::default());
@@ -61,13 +58,11 @@ fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
     setup.use_hints(|hint| println!("{} came {:?} after its message", hint.value, hint.age));
     Local::blocking(move |_frame, _t| Ok(plan.with(|plan| format!("on board, lane {}", plan.lane))))
 }
-// ANCHOR_END: side
 
 async fn ask_planner(_: Frame, _: Call) -> Result<Plan, Error> {
     Ok(Plan { lane: 1 })
 }
 
-// ANCHOR: script
 /// A script without a runtime makes one for the operator, and reads on it.
 fn main() -> Result<(), Error> {
     let runtime = Builder::new_multi_thread().enable_all().build()?;
@@ -88,4 +83,3 @@ fn main() -> Result<(), Error> {
     runtime.shutdown_background(); // waits for no computation that hangs
     Ok(())
 }
-// ANCHOR_END: script
