@@ -170,7 +170,7 @@ fn with_adapter(first: Instant) -> Ends {
     let reader = tokio::spawn(async move {
         let mut late = Vec::new();
         while let Some(item) = output.read().await {
-            late.push(item.took().saturating_sub(ANSWERS));
+            late.push(item.latency().saturating_sub(ANSWERS));
         }
         late
     });

@@ -134,7 +134,7 @@ fn of_adapter(timers: Timers) -> Vec<Duration> {
         let mut late = Vec::new();
         while let Some(item) = output.read().await {
             let message = item.forwarded().expect("local does not fail").value;
-            late.push(item.took().saturating_sub(deadline(message)));
+            late.push(item.latency().saturating_sub(deadline(message)));
         }
         feeder.await.expect("it does not panic");
         late

@@ -12,7 +12,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
@@ -134,7 +134,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
                     verdict::exit(found)
                 }
                 Err(fault) => {
-                    complain(format_args!("error: {fault}"));
+                    print_line(format_args!("error: {fault}"));
                     Exit::BadInput
                 }
             };

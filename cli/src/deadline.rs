@@ -18,11 +18,11 @@ use fuseline_traces::rows::{TableError, TableReader};
 use serde::Serialize;
 use thiserror::Error;
 
+use crate::diagnostics::options_at_fault;
 use crate::duration::{ANY, duration};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::remedy::options;
 use crate::sink::OutputSink;
 
 /// A line below the header and no other.
@@ -145,13 +145,14 @@ struct SpeedRow {
 /// Shows a deadline for each speed.
 pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
     let guard = guard(args).map_err(|invalid| {
-        let options = options(invalid);
+        let options = options_at_fault(invalid);
         // Classes have ranges of their own.
         let is_class = !args.class.is_empty() && options.starts_with("--range");
         DeadlineError::Invalid { invalid, options: if is_class { "--class" } else { options } }
     })?;
     for speed in &args.speed {
-        let implausible = |invalid| DeadlineError::Invalid { invalid, options: options(invalid) };
+        let implausible =
+            |invalid| DeadlineError::Invalid { invalid, options: options_at_fault(invalid) };
         args.situation(*speed).check().map_err(implausible)?;
     }
     let observed = match &args.calls {

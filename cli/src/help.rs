@@ -6,7 +6,7 @@ use clap::{Arg, Command};
 /// The command with such a help, and so each of its subcommands.
 pub(crate) fn readable(command: Command) -> Command {
     let texts = [command.get_about(), command.get_long_about(), command.get_after_help()];
-    let [about, long_about, after] = texts.map(|text| text.map(words));
+    let [about, long_about, after] = texts.map(|text| text.map(to_text));
     let mut command = command.mut_args(readable_arg).mut_subcommands(readable);
     if let Some(about) = about {
         command = command.about(about);
@@ -21,12 +21,12 @@ pub(crate) fn readable(command: Command) -> Command {
 }
 
 fn readable_arg(arg: Arg) -> Arg {
-    let [help, long] = [arg.get_help(), arg.get_long_help()].map(|text| text.map(words));
+    let [help, long] = [arg.get_help(), arg.get_long_help()].map(|text| text.map(to_text));
     let arg = if let Some(help) = help { arg.help(help) } else { arg };
     if let Some(long) = long { arg.long_help(long) } else { arg }
 }
 
-fn words(text: &StyledStr) -> String {
+fn to_text(text: &StyledStr) -> String {
     unwrapped(&without_marks(&text.to_string()))
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use tokio::sync::Notify;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::INTERRUPTED;
 use crate::output::discard;
 
@@ -37,13 +37,13 @@ impl Interrupt {
                     // A second one: do not wait for what is under way.
                     if flag.is_set() {
                         discard();
-                        complain("interrupted twice; what was not written yet is lost");
+                        print_line("interrupted twice; what was not written yet is lost");
                         process::exit(INTERRUPTED);
                     }
                     flag.set();
                 };
                 if ctrlc::set_handler(handler).is_err() {
-                    complain("warning: Ctrl-C will end the command at once");
+                    print_line("warning: Ctrl-C will end the command at once");
                 }
                 interrupt
             })

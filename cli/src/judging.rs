@@ -14,7 +14,7 @@ use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError,
 use thiserror::Error;
 
 use crate::fault::Fault;
-use crate::hints::JudgingHints;
+use crate::judging_notes::JudgingNotes;
 use crate::part::PartOptions;
 
 /// How the end of a trace is judged.
@@ -98,18 +98,18 @@ pub(crate) fn judge(
     let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, &reader)?;
-    let mut hints = JudgingHints::new(mode);
+    let mut notes = JudgingNotes::new(mode);
     let cut = judge_lines(
         &mut reader,
         end,
         |_, _| (),
         |line, event, annotations| {
-            hints.event(&event);
+            notes.event(&event);
             judging.annotated_line(line, &event, annotations)
         },
     )?;
     let mut found = how.accepted(finish(judging, end, cut));
-    hints.warn(&found);
+    notes.warn(&found);
     if let Findings::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
     }

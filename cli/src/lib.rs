@@ -5,11 +5,11 @@
 #[cfg(any(test, not(feature = "full")))]
 mod absent;
 mod check;
-mod complain;
 #[cfg(feature = "full")]
 mod convert;
 mod deadline;
 mod decide;
+mod diagnostics;
 #[cfg(unix)]
 mod drive;
 mod emulation;
@@ -20,11 +20,11 @@ mod fault;
 mod files;
 mod forward;
 mod help;
-mod hints;
 mod implementation;
 mod input;
 mod interrupt;
 mod judging;
+mod judging_notes;
 mod link;
 mod output;
 #[cfg(feature = "full")]
@@ -33,7 +33,6 @@ mod part;
 #[cfg(feature = "full")]
 mod probe;
 mod progress;
-mod remedy;
 mod replay;
 mod report;
 mod results;
@@ -58,7 +57,7 @@ use tracing_subscriber::prelude::*;
 
 use fuseline_evaluation::duration;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::fault::{Fault, one_line};
 
@@ -142,7 +141,7 @@ pub fn main() -> ExitCode {
             return Exit::BadInput.into();
         }
         Err(error) => {
-            complain(format_args!("error: {}", usage(&error, &args)));
+            print_line(format_args!("error: {}", usage(&error, &args)));
             return Exit::BadInput.into();
         }
     };
@@ -165,7 +164,7 @@ pub fn main() -> ExitCode {
         Ok(exit) => exit.into(),
         Err(fault) if fault.is_broken_pipe() => Exit::Conforms.into(),
         Err(fault) => {
-            complain(format_args!("error: {fault}"));
+            print_line(format_args!("error: {fault}"));
             Exit::BadInput.into()
         }
     }
@@ -235,12 +234,12 @@ fn usage(error: &clap::Error, args: &[OsString]) -> String {
     let message = paragraphs.next().unwrap_or_default();
     let message = message.strip_prefix("error: ").unwrap_or(&message).to_owned();
     let tip = || paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
-    let remedy = undriven(error, args).or_else(tip);
+    let remedy = unseparated_command(error, args).or_else(tip);
     format!("{message}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
 /// The usage line when the command to drive does not follow `--`.
-fn undriven(error: &clap::Error, args: &[OsString]) -> Option<String> {
+fn unseparated_command(error: &clap::Error, args: &[OsString]) -> Option<String> {
     let has_command = args.iter().any(|arg| arg == "--");
     if has_command || args.get(1).is_none_or(|command| command != "drive") {
         return None;

@@ -152,7 +152,7 @@ mod tests {
             tokio::spawn(async move { other.pass(LinkDirection::Downlink, bytes).await });
             writer.write(()).unwrap();
             let item = items.read().await.unwrap();
-            assert_eq!((item.value(), item.took()), (Some(&left), took));
+            assert_eq!((item.value(), item.latency()), (Some(&left), took));
             sleep(200 * MS).await;
         }
     }

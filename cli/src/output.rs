@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 use tempfile::{Builder, NamedTempFile};
 use thiserror::Error;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::INTERRUPTED;
 use crate::fault::Fault;
 use crate::input;
@@ -130,7 +130,7 @@ impl Output {
             // Where the command has caught it, that discards the file; where the system refuses, it stays.
             let _ = ctrlc::set_handler(|| {
                 discard();
-                complain("interrupted; nothing was written");
+                print_line("interrupted; nothing was written");
                 process::exit(INTERRUPTED);
             });
         });

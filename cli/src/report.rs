@@ -12,13 +12,13 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::hints::JudgingHints;
 use crate::input::{is_standard, open};
 use crate::interrupt::Interrupt;
 use crate::judging::{JudgeOptions, TraceEnd, finish, judge_lines, reader};
+use crate::judging_notes::JudgingNotes;
 use crate::output::{Output, Overwrite};
 use crate::progress::watched;
 use crate::sink::OutputSink;
@@ -95,7 +95,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
             match make(args, &output, TraceEnd::Growing) {
                 Ok(made) => exit = made,
                 // It may be in the midst of being written.
-                Err(fault) => complain(format_args!("warning: {fault}; the page stays as it is")),
+                Err(fault) => print_line(format_args!("warning: {fault}; the page stays as it is")),
             }
         }
     }
@@ -189,7 +189,7 @@ fn read_file(
     if let Some(part) = options.part()? {
         canvas = canvas.with_part(part);
     }
-    let (mut hints, mut noted_last) = (JudgingHints::new(mode), None);
+    let (mut judging, mut noted_last) = (JudgingNotes::new(mode), None);
     let seen = |event: &Event, line: &[u8]| {
         if let Event::Input(Input::Tick { .. }) = event
             && let Some(notes) = notes(line)
@@ -198,13 +198,13 @@ fn read_file(
         }
     };
     let cut = judge_lines(&mut reader, end, seen, |line, event, annotations| {
-        hints.event(&event);
+        judging.event(&event);
         canvas.annotated_event(line, event, annotations)
     })?;
     if let Some(notes) = noted_last {
         canvas.add_notes(notes);
     }
     let found = canvas.finish_as(|judging| doubted(finish(judging, end, cut)));
-    hints.warn(&found);
+    judging.warn(&found);
     Ok(found)
 }

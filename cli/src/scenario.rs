@@ -6,14 +6,14 @@ use fuseline_evaluation::ScenarioError;
 use fuseline_evaluation::plot::FolderError;
 use thiserror::Error;
 
+use crate::diagnostics::options_at_fault;
 use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::remedy::options;
 use crate::sink::OutputSink;
 
 /// The vehicle of the options makes no sense.
 #[derive(Debug, Error)]
-#[error("{invalid}; change {}", options(*.invalid))]
+#[error("{invalid}; change {}", options_at_fault(*.invalid))]
 struct InvalidOptions {
     invalid: Invalid,
 }

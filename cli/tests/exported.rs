@@ -244,7 +244,7 @@ fn recounted_for_otlp(trace: &DrawnTrace) -> Vec<(String, Vec<String>)> {
             ("fuseline.origin", json!(origin.as_ref().map(|origin| &*origin.stream))),
             ("fuseline.seq", number(origin.as_ref().and_then(|origin| origin.seq))),
             ("fuseline.deadline", number(*deadline)),
-            ("fuseline.took", number(took)),
+            ("fuseline.latency", number(took)),
             ("fuseline.by", number(*by)),
             ("fuseline.of", number(of)),
             ("fuseline.for", number(meant_for)),

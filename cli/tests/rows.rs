@@ -36,12 +36,12 @@ fn complaints(end: &str) -> Vec<String> {
         vec!["probe", "--plot", &probed, "-o", plots.to_str().unwrap()],
         vec!["probe", "--plot", &short, "-o", plots.to_str().unwrap()],
     ];
-    let complain = |args: Vec<&str>| {
+    let first_error = |args: Vec<&str>| {
         let done = run(&args, "");
         assert_eq!(done.status.code(), Some(2), "{args:?}");
         err(&done).replace(dir.path().to_str().unwrap(), "")
     };
-    calls_of.into_iter().map(complain).collect()
+    calls_of.into_iter().map(first_error).collect()
 }
 
 #[test]

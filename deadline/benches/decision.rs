@@ -26,7 +26,7 @@ fn row<const WINDOW: usize>() {
     let impact = Impact::from(&guard);
     let expected = Expected::<_, WINDOW>::new(impact, Duration::from_micros(301_700), None)
         .expect("a sound response");
-    let mut policy = guard.caps(expected);
+    let mut policy = guard.cap(expected);
     // At 22 m/s waiting may pay, so the policy looks at every observation.
     let situation = Situation::at(MetresPerSecond(22.0));
     let (mut calls, mut first) = (0_u64, None);

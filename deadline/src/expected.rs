@@ -15,7 +15,7 @@ use crate::survival::{Observation, Step, Survival};
 
 /// Chooses the deadline of least mean loss, from how the last `WINDOW` calls of the cloud ended.
 ///
-/// This policy knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::caps) it. If the cloud is
+/// This policy knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::cap) it. If the cloud is
 /// gone, waiting gains nothing, so the deadline becomes local's response; waiting until then costs no time.
 ///
 /// A call that is given up at a short deadline cannot show that its result would have come soon after. So one

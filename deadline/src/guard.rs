@@ -15,7 +15,7 @@ use crate::units::Metres;
 /// without a report breaks a row of reports only if local has a result for its timestamp.
 ///
 /// Any shorter deadline keeps the guarantee. So it also holds for every policy that the guard
-/// [`caps`](Policy::caps).
+/// [`cap`](Policy::cap).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Guard {
     parameters: Parameters,

@@ -39,7 +39,7 @@ pub trait Policy {
     ///
     /// The other policy learns the cap and chooses under it: the best deadline under a cap may be far below
     /// the best one without a cap, cut off.
-    fn caps<P: Policy>(self, policy: P) -> Capped<Self, P>
+    fn cap<P: Policy>(self, policy: P) -> Capped<Self, P>
     where
         Self: Sized,
     {
@@ -118,7 +118,7 @@ pub enum Case {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Constant(pub Duration);
 
-/// A policy under the cap of another policy. [`Policy::caps`] makes it.
+/// A policy under the cap of another policy. [`Policy::cap`] makes it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Capped<C, P> {
     cap: C,

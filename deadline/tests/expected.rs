@@ -175,7 +175,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     let guard = Guard::new(Parameters::default()).unwrap();
     let expected =
         Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), None).unwrap();
-    let mut policy = Constant(ms(800)).caps(guard.caps(expected));
+    let mut policy = Constant(ms(800)).cap(guard.cap(expected));
     (0..16).for_each(|_| policy.ended(End::Answered(ms(600))));
     let mut at = |speed: f64| policy.decide(&Situation::at(MetresPerSecond(speed)), Duration::MAX);
     let rho = Duration::from_micros(301_700);
@@ -186,7 +186,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     let probing =
         Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(1))
             .unwrap();
-    let mut policy = Constant(ms(800)).caps(guard.caps(probing));
+    let mut policy = Constant(ms(800)).cap(guard.cap(probing));
     let decision = policy.decide(&Situation::at(MetresPerSecond(22.0)), Duration::MAX);
     assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
 }
@@ -195,7 +195,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
 #[test]
 fn a_cap_learns_from_the_calls_that_it_caps() {
     let learns = || Expected::<_, 16>::new(ACCURACY, ms(LOCAL_MS), None).unwrap();
-    let (mut alone, mut capped) = (learns(), learns().caps(Constant(ms(800))));
+    let (mut alone, mut capped) = (learns(), learns().cap(Constant(ms(800))));
     let decide = |policy: &mut dyn Policy| policy.decide(&Situation::UNKNOWN, ms(1000)).deadline;
     let before = decide(&mut capped);
     for policy in [&mut alone as &mut dyn Policy, &mut capped] {

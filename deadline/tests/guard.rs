@@ -101,7 +101,7 @@ fn a_speed_that_is_none_leaves_locals_response() {
 
 #[test]
 fn a_vehicle_at_rest_waits_as_long_as_its_cap() {
-    let mut policy = Constant(Duration::from_secs(2)).caps(guard(Parameters::default()));
+    let mut policy = Constant(Duration::from_secs(2)).cap(guard(Parameters::default()));
     let decision = policy.decide(&at(0.0), Duration::MAX);
     assert_eq!((decision.deadline, decision.reason), (Duration::from_secs(2), Reason::Constant));
 }

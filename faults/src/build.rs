@@ -21,7 +21,7 @@ impl Campaign<'_> {
         &self,
         work: &FaultyCopy,
         apart: &mut BTreeMap<u32, String>,
-        tell: &impl Fn(&str),
+        report: &impl Fn(&str),
     ) -> Result<(BTreeMap<&'static str, Programs>, Texts), FaultsError> {
         'again: loop {
             let rewritten = self.rewritten(apart)?;
@@ -30,7 +30,7 @@ impl Campaign<'_> {
             self.tree.copy_to(&work.copy, texts.clone())?;
             let mut programs = BTreeMap::new();
             for (name, suite) in self.suites() {
-                tell(&format!("building {name}"));
+                report(&format!("building {name}"));
                 match work.build(suite)? {
                     Built::Programs(built) => drop(programs.insert(name, built)),
                     Built::Refused(places, said) => {
@@ -54,7 +54,7 @@ impl Campaign<'_> {
                             ));
                         }
                         for number in faults {
-                            tell(&format!(
+                            report(&format!(
                                 "{} does not compile beside the others",
                                 self.name(number)
                             ));

@@ -82,11 +82,11 @@ impl Catches {
 }
 
 impl Campaign<'_> {
-    /// Runs the witnesses; `tell` is called with each step.
+    /// Runs the witnesses; `report` is called with each step.
     ///
     /// # Errors
     /// A witness fails without a fault, something does not build without one, or `stop` was set.
-    pub fn run(&self, tell: impl Fn(&str) + Sync) -> Result<CampaignFindings, FaultsError> {
+    pub fn run(&self, report: impl Fn(&str) + Sync) -> Result<CampaignFindings, FaultsError> {
         let folder = self.target.join("faults");
         let work = FaultyCopy {
             tree: self.tree,
@@ -105,10 +105,10 @@ impl Campaign<'_> {
                 );
             }
         }
-        let (programs, texts) = self.build_shared(&work, &mut apart, &tell)?;
+        let (programs, texts) = self.build_shared(&work, &mut apart, &report)?;
         let mut findings = CampaignFindings::default();
         let mut faultless = FaultlessRuns::new();
-        for (kind, mut seen) in self.without_fault(&work, &programs, &tell)? {
+        for (kind, mut seen) in self.without_fault(&work, &programs, &report)? {
             let held = std::mem::take(&mut seen.outcomes).into_keys().collect();
             findings.held.insert(kind.name, held);
             faultless.insert(kind.name, seen);
@@ -120,19 +120,19 @@ impl Campaign<'_> {
         let found = Mutex::new(findings);
         self.at_once(|| {
             while let Some((number, fault)) = shared.get(next.fetch_add(1, Ordering::Relaxed)) {
-                self.witness(&work, (*number, fault), &programs, &faultless, &found, &tell)?;
+                self.witness(&work, (*number, fault), &programs, &faultless, &found, &report)?;
             }
             Ok(())
         })?;
         for (number, fault) in alone {
             let why = apart.remove(&number).unwrap_or_default();
-            tell(&format!("{} has a build of its own: {why}", fault.name));
+            report(&format!("{} has a build of its own: {why}", fault.name));
             let programs = self.build_apart(&work, &texts, fault)?;
             // Nobody knows what comes to it.
             for seen in faultless.values_mut() {
                 seen.reached.clear();
             }
-            self.witness(&work, (number, fault), &programs, &faultless, &found, &tell)?;
+            self.witness(&work, (number, fault), &programs, &faultless, &found, &report)?;
             if let Some(caught) = lock(&found).faults.get_mut(&fault.name) {
                 caught.own_build = Some(why);
             }
@@ -145,7 +145,7 @@ impl Campaign<'_> {
         &self,
         work: &FaultyCopy,
         programs: &BTreeMap<&'static str, Programs>,
-        tell: &(impl Fn(&str) + Sync),
+        report: &(impl Fn(&str) + Sync),
     ) -> Result<Vec<(&'static WitnessKind, WitnessRun)>, FaultsError> {
         let chosen = || self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
         let kinds = self.kinds.iter().filter(|kind| chosen().any(|fault| kind.sees(fault)));
@@ -166,7 +166,7 @@ impl Campaign<'_> {
                     let why = format!("{} fails without a fault: {}", kind.name, red.join(", "));
                     return Err(FaultsError::content(&work.target.join("logs"), why));
                 }
-                tell(&format!("{} without a fault: {:.1} s", kind.name, seen.took.as_secs_f64()));
+                report(&format!("{} without a fault: {:.1} s", kind.name, seen.took.as_secs_f64()));
                 lock(&done).push((*kind, seen));
             }
             Ok(())
@@ -182,7 +182,7 @@ impl Campaign<'_> {
         programs: &BTreeMap<&'static str, Programs>,
         faultless: &FaultlessRuns,
         found: &Mutex<CampaignFindings>,
-        tell: &(impl Fn(&str) + Sync),
+        report: &(impl Fn(&str) + Sync),
     ) -> Result<(), FaultsError> {
         let mut kinds: Vec<&'static WitnessKind> = self.seeing(fault).collect();
         {
@@ -225,7 +225,7 @@ impl Campaign<'_> {
             let (runs, catches) = found.tries.entry(kind.name).or_default();
             (*runs, *catches) = (*runs + 1, *catches + u32::from(red > 0));
             let ended = found.faults.len();
-            tell(&format!("{ended}: {}: {} {red}, {took:.1} s", fault.name, kind.name));
+            report(&format!("{ended}: {}: {} {red}, {took:.1} s", fault.name, kind.name));
         }
         Ok(())
     }

@@ -11,10 +11,10 @@ use crate::schemata::VARIABLE;
 use crate::tree::Tree;
 use crate::work::{FaultyCopy, Trial, WitnessRun};
 
-/// A line a case: door, what is given, what happens, exit code, a part of what is said, arguments after variables.
+/// A line a case: interface, what is given, what happens, exit code, a part of what is said, arguments after variables.
 const CASES: &str = "docs/safety/misuse-commands";
-/// The doors that are programs, with what each call of them begins with.
-pub(crate) const DOORS: [(&str, &str, &str); 2] = [
+/// The interfaces that are programs, with what each call of them begins with.
+pub(crate) const INTERFACES: [(&str, &str, &str); 2] = [
     ("command", "fuseline", ""),
     (
         "ros2",
@@ -33,7 +33,7 @@ pub(crate) struct ProgramCase {
 }
 
 impl FaultyCopy<'_> {
-    /// Calls a program in the cases of misuse of a door, or in one of them.
+    /// Calls a program in the cases of misuse of an interface, or in one of them.
     pub(crate) fn run_cases(
         &self,
         kind: &WitnessKind,
@@ -42,15 +42,15 @@ impl FaultyCopy<'_> {
         log: &Path,
         seen: &mut WitnessRun,
     ) -> Result<(), FaultsError> {
-        let door = kind.door().unwrap_or_default();
-        for of_door in of_door(&self.copy, door)? {
-            if trial.case.is_none_or(|case| case == of_door.name) {
-                let mut command = of_door.command(&place.0, self.copy.root());
+        let interface = kind.interface().unwrap_or_default();
+        for of_interface in of_interface(&self.copy, interface)? {
+            if trial.case.is_none_or(|case| case == of_interface.name) {
+                let mut command = of_interface.command(&place.0, self.copy.root());
                 command.env(VARIABLE, trial.fault.0.to_string());
                 let left = trial.limit.saturating_sub(begin.elapsed());
                 let (printed, code) = self.print(&mut command, left, false, log)?;
-                let holds = of_door.happens(code, &printed);
-                seen.outcomes.insert(format!("{door}::{}", of_door.name), holds);
+                let holds = of_interface.happens(code, &printed);
+                seen.outcomes.insert(format!("{interface}::{}", of_interface.name), holds);
             }
         }
         // What a case should not have written over.
@@ -70,17 +70,18 @@ impl FaultyCopy<'_> {
     }
 }
 
-/// The cases of a door.
+/// The cases of an interface.
 ///
 /// # Errors
 /// The list of cases cannot be read.
-pub(crate) fn of_door(tree: &Tree, door: &str) -> Result<Vec<ProgramCase>, FaultsError> {
-    let options = DOORS.iter().find(|(name, _, _)| *name == door).map_or("", |(_, _, it)| it);
+pub(crate) fn of_interface(tree: &Tree, interface: &str) -> Result<Vec<ProgramCase>, FaultsError> {
+    let options =
+        INTERFACES.iter().find(|(name, _, _)| *name == interface).map_or("", |(_, _, it)| it);
     let text = tree.text(CASES)?;
     let lines = text.lines().filter(|line| !line.starts_with('#'));
     let fields = lines.map(|line| line.splitn(6, '|').map(str::trim).collect::<Vec<_>>());
     let mut cases = Vec::new();
-    for of_case in fields.filter(|fields| fields.first() == Some(&door)) {
+    for of_case in fields.filter(|fields| fields.first() == Some(&interface)) {
         let wrong = || FaultsError::content(&tree.path(CASES), format!("no case: {of_case:?}"));
         let [_, name, _, code, said, arguments] = of_case[..] else { return Err(wrong()) };
         let words = shlex::split(arguments).ok_or_else(wrong)?;
@@ -133,8 +134,8 @@ impl ProgramCase {
 /// The cases cannot be read, or a program cannot be started.
 pub fn try_all(tree: &Tree, programs: &Path) -> Result<(usize, usize), FaultsError> {
     let (mut held, mut all) = (0, 0);
-    for (door, program, _) in DOORS {
-        for case in of_door(tree, door)? {
+    for (interface, program, _) in INTERFACES {
+        for case in of_interface(tree, interface)? {
             let program = programs.join(program);
             let ended = case.command(&program, tree.root()).output();
             let ended = ended.map_err(FaultsError::file(&program))?;
@@ -144,7 +145,7 @@ pub fn try_all(tree: &Tree, programs: &Path) -> Result<(usize, usize), FaultsErr
             if case.happens(ended.status.code(), &printed) {
                 held += 1;
             } else {
-                eprintln!("{door}, {}: {} and\n{printed}", case.name, ended.status);
+                eprintln!("{interface}, {}: {} and\n{printed}", case.name, ended.status);
             }
         }
     }

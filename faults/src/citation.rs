@@ -73,7 +73,7 @@ pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, FaultsError>
 }
 
 /// The identifiers in a text; `F2–F7` stands for all from one to the other.
-pub(crate) fn words(text: &str) -> BTreeSet<String> {
+pub(crate) fn identifiers(text: &str) -> BTreeSet<String> {
     let mut ids = BTreeSet::new();
     for found in WORD.captures_iter(text).filter(|found| !OTHER_WORDS.contains(&&found[0])) {
         match (found.get(4), found.get(5)) {
@@ -111,7 +111,7 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsE
         let text = tree.text(&file)?;
         let own = text.lines().take_while(|line| !line.trim_start().starts_with("mod tests {"));
         for (number, line) in (1_u32..).zip(own) {
-            for id in words(line) {
+            for id in identifiers(line) {
                 places.entry(id).or_default().push(format!("{file}:{number}"));
             }
         }
@@ -140,7 +140,7 @@ pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<Strin
     for file in files_of_test(tree, &parts) {
         if let Some(function) = function(&tree.text(&file)?, name) {
             let mut cited = named(name);
-            cited.extend(words(&function));
+            cited.extend(identifiers(&function));
             return Ok(cited);
         }
     }
@@ -156,7 +156,7 @@ pub(crate) fn cited_by_pytest(tree: &Tree, witness: &str) -> Result<BTreeSet<Str
         return Err(FaultsError::content(Path::new(&file), format!("no test {name} here")));
     };
     let mut cited = named(name);
-    cited.extend(words(&function));
+    cited.extend(identifiers(&function));
     Ok(cited)
 }
 
@@ -214,7 +214,7 @@ pub(crate) fn cited_by_harness(
     let mut cited = named(witness);
     for file in tree.files(&[HARNESSES])? {
         if let Some(function) = function(&tree.text(&file)?, witness) {
-            cited.extend(words(&function));
+            cited.extend(identifiers(&function));
             return Ok(cited);
         }
     }
@@ -224,7 +224,7 @@ pub(crate) fn cited_by_harness(
 /// What a trace's name and its header cite.
 pub(crate) fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let text = tree.text(&format!("traces/corpus/{witness}.jsonl"))?;
-    let mut cited = words(text.lines().next().unwrap_or_default());
+    let mut cited = identifiers(text.lines().next().unwrap_or_default());
     cited.extend(named(&witness.replace('-', "_")));
     Ok(cited)
 }
@@ -263,13 +263,13 @@ mod tests {
 
     #[test]
     fn a_range_stands_for_all_between_and_the_gate_among_the_rules() {
-        assert_eq!(words("see F1–F3 and P2"), set(["F1", "F2", "F2g", "F3", "P2"]));
+        assert_eq!(identifiers("see F1–F3 and P2"), set(["F1", "F2", "F2g", "F3", "P2"]));
         assert_eq!(named("p1_to_p3_and_p11_hold"), set(["P1", "P2", "P3", "P11"]));
     }
 
     #[test]
     fn a_word_that_only_begins_like_an_identifier_is_none() {
-        assert_eq!(words("F3x XP2 f1 A A100 P99"), set([]));
+        assert_eq!(identifiers("F3x XP2 f1 A A100 P99"), set([]));
         assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
     }
 
@@ -278,7 +278,7 @@ mod tests {
         let text = "# D8.\n@given(\n)\ndef test_a(\n    run: Run,\n) -> None:\n    \"\"\"D9.\"\"\"\n\n    # A3.\n\n\n\
             # F8\ndef test_b() -> None:\n    pass\n";
         let found = python_function(text, "test_a").expect("it is there");
-        assert_eq!(words(&found), set(["A3", "D8", "D9"]));
+        assert_eq!(identifiers(&found), set(["A3", "D8", "D9"]));
         assert_eq!(python_function(text, "test_"), None);
     }
 
@@ -286,7 +286,7 @@ mod tests {
     fn a_test_cites_by_its_name_its_documentation_and_its_body() {
         let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F8\n";
         let found = function(text, "p2_never").expect("it is there");
-        assert_eq!(words(&found), ["A3", "F1"].map(String::from).into());
+        assert_eq!(identifiers(&found), ["A3", "F1"].map(String::from).into());
         assert_eq!(named("p2_never"), ["P2".to_owned()].into());
     }
 }

@@ -64,8 +64,8 @@ pub struct SeededFault {
 /// A case of misuse that a guard meets.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct MisuseCase {
-    /// The door that it comes through, such as `rust`.
-    pub door: String,
+    /// The interface that it comes through, such as `rust`.
+    pub interface: String,
     /// Its name there.
     pub name: String,
 }

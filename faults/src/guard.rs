@@ -8,7 +8,7 @@ use crate::fault::{MisuseCase, SeededFault};
 use crate::items::FunctionIndex;
 use crate::tree::Tree;
 
-/// A line a guard: door, case, file, what is written, what instead. A case of several lines is without all of them.
+/// A line a guard: interface, case, file, what is written, what instead. A case of several lines is without all of them.
 const GUARDS: &str = "docs/safety/misuse-guards";
 
 /// Where a guard stands: the file, and the bytes of the body of its function, if it is in one.
@@ -27,9 +27,9 @@ pub fn load_guards(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     for line in tree.text(GUARDS)?.lines().filter(|line| !line.starts_with('#')) {
         let line = format!("{line} ");
         let fields: Vec<&str> = line.splitn(5, " | ").collect();
-        let [door, case, file, find, replace] = fields[..] else { continue };
-        let (door, case) = (door.trim().to_owned(), case.trim().to_owned());
-        let case = MisuseCase { door, name: case };
+        let [interface, case, file, find, replace] = fields[..] else { continue };
+        let (interface, case) = (interface.trim().to_owned(), case.trim().to_owned());
+        let case = MisuseCase { interface, name: case };
         if cases.iter().all(|(known, _)| *known != case) {
             cases.push((case.clone(), BTreeMap::new()));
         }
@@ -37,7 +37,8 @@ pub fn load_guards(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
         let text = tree.text(file)?;
         let found: Vec<usize> = text.match_indices(&find).map(|(at, _)| at).collect();
         if found.is_empty() {
-            let why = format!("the guard of {}, {} is not there: {find}", case.door, case.name);
+            let why =
+                format!("the guard of {}, {} is not there: {find}", case.interface, case.name);
             return Err(FaultsError::content(&tree.path(file), why));
         }
         let Some((_, places)) = cases.iter_mut().find(|(known, _)| *known == case) else {
@@ -73,7 +74,7 @@ fn removed(
         }
         let function = items.around(&file, &(start..end))?;
         parts.push(SeededFault {
-            name: format!("{}: {}", case.door, case.name),
+            name: format!("{}: {}", case.interface, case.name),
             breaks: BTreeSet::new(),
             function,
             replace,

@@ -53,15 +53,15 @@ pub(crate) struct Program {
 }
 
 impl WitnessKind {
-    /// The door whose cases of misuse it runs, if it does.
-    pub(crate) fn door(&self) -> Option<&'static str> {
+    /// The interface whose cases of misuse it runs, if it does.
+    pub(crate) fn interface(&self) -> Option<&'static str> {
         self.name.strip_suffix("-misuse")
     }
 
-    /// Whether its witnesses could see a fault: the cases of a door only that a guard of theirs is gone.
+    /// Whether its witnesses could see a fault: the cases of an interface only that a guard of theirs is gone.
     pub(crate) fn sees(&self, fault: &SeededFault) -> bool {
-        match (&fault.case, self.door()) {
-            (Some(case), Some(door)) => case.door == door,
+        match (&fault.case, self.interface()) {
+            (Some(case), Some(interface)) => case.interface == interface,
             (None, None) => (self.concerns)(fault),
             _ => false,
         }

@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
 
 use crate::artifacts::{primary_places, take_program};
-use crate::cases::DOORS;
+use crate::cases::INTERFACES;
 use crate::error::FaultsError;
 use crate::kind::{BuildSuite, Program, WitnessKind};
 use crate::printed::Outcomes;
@@ -218,7 +218,7 @@ impl FaultyCopy<'_> {
             let key = (program.package.to_owned(), program.target.to_owned());
             let place = programs.get(&key);
             let place = place.ok_or_else(|| wrong(&format!("{} was not built", program.target)))?;
-            if DOORS.iter().any(|(door, _, _)| kind.door() == Some(door)) {
+            if INTERFACES.iter().any(|(interface, _, _)| kind.interface() == Some(interface)) {
                 self.run_cases(kind, place, (trial, begin), &log, &mut seen)?;
                 continue;
             }

@@ -16,7 +16,7 @@ pub use check::{CheckError, CheckOptions, Exploration, check};
 pub use claim::{Claim, Claims};
 pub use counterexample::Counterexample;
 pub use explore::explore;
-pub use machine::{FiredTimers, InputResponse, WholeAnswer, hush};
+pub use machine::{FiredTimers, InputResponse, WholeAnswer, silence_panic_output};
 pub use operator::Operator;
 pub use sighting::{Sighting, Sightings};
 pub use state::State;

@@ -72,11 +72,11 @@ pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> 
 }
 
 /// Stops printing the machine's panics, which are in the answer.
-pub fn hush() {
-    let tell = panic::take_hook();
+pub fn silence_panic_output() {
+    let print = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
         if !IN_MACHINE.get() {
-            tell(info);
+            print(info);
         }
     }));
 }

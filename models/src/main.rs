@@ -10,7 +10,9 @@ use std::process::ExitCode;
 use std::thread;
 
 use clap::{Parser, Subcommand};
-use fuseline_models::{CheckOptions, Exploration, Size, WORLDS, World, check, explore, hush};
+use fuseline_models::{
+    CheckOptions, Exploration, Size, WORLDS, World, check, explore, silence_panic_output,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::error::ModelsError;
@@ -115,7 +117,7 @@ fn main() -> ExitCode {
 
 /// Checks the requested configurations. Returns `true` if all of them hold.
 fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
-    hush();
+    silence_panic_output();
     let configs = chosen(args)?;
     let threads = args
         .threads
@@ -138,7 +140,7 @@ fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
         }
     }
     if !args.json {
-        report::tell(&mut out, &verdicts)?;
+        report::write_table(&mut out, &verdicts)?;
     }
     Ok(verdicts.iter().all(Exploration::holds))
 }
@@ -192,7 +194,7 @@ fn explore_one(args: &Explore) -> Result<(), ModelsError> {
     let name = &args.config;
     let config = World::named(name).ok_or_else(|| ModelsError::World { name: name.clone() })?;
     eprintln!("{name}: open http://{}/ in a browser; Ctrl-C ends it", args.listen);
-    hush();
+    silence_panic_output();
     explore(config, args.listen, args.sightings)
         .map_err(|source| ModelsError::Listen { address: args.listen, source })
 }

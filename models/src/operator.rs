@@ -82,7 +82,7 @@ impl Operator {
 
     /// Adds the inputs that have no effect: from unknown sources, to local as if it were a cloud, or due at
     /// once.
-    fn follies(&self, at: u64, out: &mut Vec<Input>) {
+    fn ineffective_inputs(&self, at: u64, out: &mut Vec<Input>) {
         let Some(&t) = self.config.timestamps.first() else { return };
         out.push(Input::Open { at, t, deadline: Some(0) });
         for p in STRANGERS.into_iter().chain([0]) {
@@ -133,7 +133,7 @@ impl Model for Operator {
         let later = clock.iter().copied().filter(|at| *at > now);
         let earlier = clock.iter().copied().rev().find(|at| *at < now);
         self.inputs(now, actions);
-        self.follies(now, actions);
+        self.ineffective_inputs(now, actions);
         match self.config.readings {
             Readings::Now => {}
             Readings::Next => later.clone().take(1).for_each(|at| self.inputs(at, actions)),

@@ -42,7 +42,10 @@ pub(crate) fn line(verdict: &Exploration) -> String {
 }
 
 /// Writes a table of verdicts, then everything that does not hold.
-pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), ModelsError> {
+pub(crate) fn write_table(
+    out: &mut impl Write,
+    verdicts: &[Exploration],
+) -> Result<(), ModelsError> {
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["config", "states", "depth", "seconds", "claims", "sightings", ""]);

@@ -46,13 +46,13 @@ pub enum DropReason {
 }
 
 /// The word in a trace, and a sentence for readers who do not know the rules yet.
-type WordAndSentence = (&'static str, &'static str);
+type ReasonText = (&'static str, &'static str);
 
 impl OpenRefusal {
     /// All reasons, in the order in which they are checked (F1).
     pub const ALL: [Self; 3] = [Self::Order, Self::Full, Self::Deadline];
 
-    const fn word_and_sentence(self) -> WordAndSentence {
+    const fn text(self) -> ReasonText {
         match self {
             Self::Order => ("order", "it or a later one was opened before"),
             Self::Full => ("full", "as many are open as the window holds"),
@@ -72,7 +72,7 @@ impl OfferRefusal {
         Self::Queue,
     ];
 
-    const fn word_and_sentence(self) -> WordAndSentence {
+    const fn text(self) -> ReasonText {
         match self {
             Self::Unknown => ("unknown", "no such cloud, or no such message so far"),
             Self::Closed => ("closed", "that message is over"),
@@ -89,7 +89,7 @@ impl DropReason {
     pub const ALL: [Self; 5] =
         [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
 
-    const fn word_and_sentence(self) -> WordAndSentence {
+    const fn text(self) -> ReasonText {
         match self {
             Self::Unknown => ("unknown", "no such source, or no such message so far"),
             Self::Superseded => ("superseded", "that message is over"),
@@ -107,13 +107,13 @@ macro_rules! reason {
             /// Returns the word that a trace uses.
             #[must_use]
             pub const fn as_str(self) -> &'static str {
-                self.word_and_sentence().0
+                self.text().0
             }
 
             /// Returns the meaning of the word, to be put after a colon.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
-                self.word_and_sentence().1
+                self.text().1
             }
 
             /// Returns the reason's index in [`ALL`](Self::ALL).

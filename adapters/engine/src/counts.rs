@@ -35,7 +35,7 @@ pub(crate) struct Counts {
     handler_failures: Count,
     /// The delays of timers.
     timer_lag: Histogram,
-    unrecorded: Mutex<Option<Arc<str>>>,
+    recording_error: Mutex<Option<Arc<str>>>,
 }
 
 /// The counts and meters of one source. Those that most messages count come first, in few cache lines: with
@@ -110,7 +110,7 @@ impl Counts {
             open: gauge!("fuseline_open_messages", "operator" => name()),
             lag: Lag::new(operator, lag_warning),
             sources: sources.iter().map(|source| SourceCounts::new(operator, source)).collect(),
-            unrecorded: Mutex::new(None),
+            recording_error: Mutex::new(None),
         }
     }
 
@@ -123,7 +123,7 @@ impl Counts {
             late_timers: self.lag.late_timers(),
             greatest_lag: self.lag.greatest(),
             sources: self.sources.iter().map(SourceCounts::tally).collect(),
-            unrecorded: lock(&self.unrecorded).clone(),
+            recording_error: lock(&self.recording_error).clone(),
         }
     }
 
@@ -166,9 +166,9 @@ impl Counts {
     }
 
     /// Notes that a recording ends here.
-    pub(crate) fn unrecorded(&self, why: &str) {
+    pub(crate) fn recording_error(&self, why: &str) {
         error!(why, "the recording ends here; the operator goes on");
-        lock(&self.unrecorded).get_or_insert_with(|| why.into());
+        lock(&self.recording_error).get_or_insert_with(|| why.into());
     }
 
     /// Counts an event of the source at `index`; local's index is 0.
@@ -213,7 +213,7 @@ impl Counting {
     /// Counts a handler that ran longer than the [lag warning](crate::EngineConfig::lag_warning) allows, and
     /// logs it now and then. `p` is the source that the handler belongs to, or `None` for a handler of the
     /// operator.
-    pub fn ran(&self, p: Option<u16>, lasted: Duration) {
+    pub fn check_handler_time(&self, p: Option<u16>, lasted: Duration) {
         if !self.0.lag.is_too_long(lasted) {
             return;
         }

@@ -103,7 +103,7 @@ pub struct Local {
     /// If `false`, a computation occupies its place until it ends, unless it may be
     /// [replaced](Self::replaceable). One that runs longer than its message's deadline is still counted as
     /// lost and logged.
-    pub lossy: bool,
+    pub may_lose_results: bool,
 }
 
 /// Runs one computation at a time, which keeps its place until it ends.
@@ -115,7 +115,7 @@ impl Default for Local {
             overflow: Overflow::default(),
             replaceable: 0,
             skip_answered: false,
-            lossy: false,
+            may_lose_results: false,
         }
     }
 }

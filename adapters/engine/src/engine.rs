@@ -1,10 +1,10 @@
 //! One operator without its clock, its threads and its network. Inputs are methods, and tasks for the adapter
 //! come out as effects.
 //!
-//! Each input is one call of the [`SizedArbiter`], which decides. [`outcomes`] carries out the answers.
+//! Each input is one call of the [`SizedArbiter`], which decides. [`apply`] carries out the answers.
 //! Neither module decides anything about time or rank.
 
-mod outcomes;
+mod apply;
 
 use std::fmt;
 use std::io;
@@ -28,7 +28,7 @@ use crate::lineage::{Lineage, StampedValue};
 use crate::open_message::OpenMessages;
 use crate::policies::Policies;
 use crate::queue::Waiting;
-use crate::reasons::words;
+use crate::reasons::to_text;
 use crate::recordings::Recordings;
 use crate::sized_arbiter::{ServedFirings, SizedArbiter};
 use crate::sources::{LOCAL, SourceQueues};
@@ -137,7 +137,7 @@ impl<V, R> Engine<V, R> {
     /// Each file has its own thread, which writes twice a second, at once when a message is missed or
     /// refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the disk fails or falls
     /// far behind, the recording ends early, with a whole input.
-    /// [`Tally::unrecorded`](crate::Tally::unrecorded) and the log report this at once, and
+    /// [`Tally::recording_error`](crate::Tally::recording_error) and the log report this at once, and
     /// [`finish`](Self::finish) at the end. The operator continues.
     ///
     /// # Errors
@@ -291,7 +291,7 @@ impl<V, R> Engine<V, R> {
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let index = self.sources.index(p);
-        let why = words(why);
+        let why = to_text(why);
         self.log_failure(at, t, index, &why);
         if let Some(index) = index {
             self.ended(at, t, index, End::Failed);

@@ -220,7 +220,7 @@ impl<V> Item<V> {
 
     /// Returns the time from the message's arrival to the decision.
     #[must_use]
-    pub const fn took(&self) -> Duration {
+    pub const fn latency(&self) -> Duration {
         self.decided.saturating_sub(self.opened)
     }
 }

@@ -191,7 +191,7 @@ impl<R> SourceQueue<R> {
 
     /// Notes a computation that counts as lost by `now` and still runs. Returns its timestamp, and `true` if
     /// it gave its place to another.
-    pub(crate) fn overran(&mut self, now: u64) -> Option<(u64, bool)> {
+    pub(crate) fn mark_overrun(&mut self, now: u64) -> Option<(u64, bool)> {
         let call = self.in_flight.iter_mut().find(|call| call.is_lost(now))?;
         call.lost = u64::MAX;
         let t = call.t;

@@ -60,13 +60,13 @@ impl fmt::Display for Reasons {
 }
 
 /// Returns the beginning of a reason's text.
-pub(crate) fn words(why: &dyn fmt::Display) -> String {
-    let mut words = why.to_string();
-    if words.len() > BYTES {
+pub(crate) fn to_text(why: &dyn fmt::Display) -> String {
+    let mut text = why.to_string();
+    if text.len() > BYTES {
         let end = '…'.len_utf8();
-        let cut = (0..=BYTES - end).rev().find(|index| words.is_char_boundary(*index));
-        words.truncate(cut.unwrap_or(0));
-        words.push('…');
+        let cut = (0..=BYTES - end).rev().find(|index| text.is_char_boundary(*index));
+        text.truncate(cut.unwrap_or(0));
+        text.push('…');
     }
-    words
+    text
 }

@@ -31,7 +31,7 @@ pub(crate) struct SourceQueues<R> {
     /// The instant when local's next computation counts as lost, as of the last settling of its queue.
     next_lost: Option<u64>,
     /// `true` if local's results can be lost on the way.
-    is_lossy: bool,
+    may_lose_results: bool,
     /// `true` if calls to any cloud may linger.
     may_linger: bool,
 }
@@ -52,9 +52,9 @@ impl<R> SourceQueues<R> {
         for (priority, queue) in priorities.iter_mut().zip(&queues) {
             *priority = queue.source.priority;
         }
-        let (changed, next_lost, is_lossy) = (0, None, local.lossy);
+        let (changed, next_lost, may_lose_results) = (0, None, local.may_lose_results);
         let may_linger = queues.iter().any(|queue| queue.linger > 0);
-        Self { queues, priorities, changed, next_lost, is_lossy, may_linger }
+        Self { queues, priorities, changed, next_lost, may_lose_results, may_linger }
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = &SourceQueue<R>> {
@@ -113,7 +113,7 @@ impl<R> SourceQueues<R> {
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.queues.iter().filter(|_| self.may_linger);
         let lingering = lingering.filter_map(SourceQueue::next_lingering_end);
-        let lost = self.next_lost().filter(|_| !self.is_lossy || self[LOCAL].is_waiting());
+        let lost = self.next_lost().filter(|_| !self.may_lose_results || self[LOCAL].is_waiting());
         lost.into_iter().chain(lingering).min()
     }
 

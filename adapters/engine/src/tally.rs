@@ -29,7 +29,7 @@ pub struct Tally {
     /// The greatest delay of a timer, or time that a handler blocked its thread.
     pub greatest_lag: Duration,
     /// The reason why a recording ended before the operator did, if one did. It is the first such reason.
-    pub unrecorded: Option<Arc<str>>,
+    pub recording_error: Option<Arc<str>>,
 }
 
 /// One source's counts.

@@ -92,7 +92,7 @@ impl TraceWriter {
         if waiting.lines.events.len() >= WAITING {
             // A gap would make the trace false, so later inputs are not recorded either.
             self.is_over = true;
-            self.counts.unrecorded("the disk is too slow");
+            self.counts.recording_error("the disk is too slow");
             return;
         }
         let was_few = waiting.lines.events.len() < LINES;
@@ -203,7 +203,7 @@ fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io:
                 written = written.and_then(|()| sink.write(lines.iter()));
             }
             if let Err(error) = written {
-                counts.unrecorded(&error.to_string());
+                counts.recording_error(&error.to_string());
                 failed = Some(error);
             }
         }

@@ -89,11 +89,12 @@ fn settings() -> impl Strategy<Value = EngineSettings> {
     let cloud = || (1..3_usize, prop_oneof![Just(0), 1..60_u64], any::<bool>());
     let overflow = proptest::sample::select(&[Overflow::DropOldest, Overflow::DropNewest][..]);
     let local = (1..3_usize, 0..4_usize, overflow, 0..3_usize, any::<bool>(), any::<bool>());
-    let local =
-        local.prop_map(|(at_once, waiting, overflow, replaceable, skip_answered, lossy)| {
+    let local = local.prop_map(
+        |(at_once, waiting, overflow, replaceable, skip_answered, may_lose_results)| {
             let waiting = Some(waiting);
-            Local { at_once, waiting, overflow, replaceable, skip_answered, lossy }
-        });
+            Local { at_once, waiting, overflow, replaceable, skip_answered, may_lose_results }
+        },
+    );
     let commit = proptest::sample::select(&Commit::ALL[..]);
     (commit, local, [cloud(), cloud(), cloud()], 0..30_u64, 1..6_u16).prop_map(
         |(commit, local, clouds, reserve, window)| {

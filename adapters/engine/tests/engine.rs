@@ -22,10 +22,10 @@ fn under(commit: Commit) -> Tested {
 }
 
 fn effects(engine: &mut Tested) -> Vec<String> {
-    std::iter::from_fn(|| engine.next_effect()).map(|effect| words(&effect)).collect()
+    std::iter::from_fn(|| engine.next_effect()).map(|effect| to_text(&effect)).collect()
 }
 
-fn words(effect: &Effect<&'static str, u64>) -> String {
+fn to_text(effect: &Effect<&'static str, u64>) -> String {
     match effect {
         Effect::Start { priority, timestamp, until, request } => {
             format!("start {priority} {timestamp} due {until:?} with {request}")
@@ -172,7 +172,7 @@ fn progressive_sends_better_results_and_aborts() {
     engine.fail(25, 0, 2, &"reset");
     engine.result(30, 0, 1, "west's");
     let item = engine.next_effect().unwrap();
-    assert_eq!(words(&item), "30: 0 west's of west by arrival");
+    assert_eq!(to_text(&item), "30: 0 west's of west by arrival");
     let Effect::Output(item) = item else { panic!("{item:?}") };
     assert_eq!((item.revision, item.failures.len(), item.is_last()), (1, 1, true));
     assert!(engine.is_idle());
@@ -323,7 +323,7 @@ fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
 
 /// Returns an engine whose local answers over topics, with four computations at once and a limit of 100.
 fn over_topics() -> Tested {
-    let local = Local { at_once: 4, waiting: Some(4), lossy: true, ..Local::default() };
+    let local = Local { at_once: 4, waiting: Some(4), may_lose_results: true, ..Local::default() };
     Engine::new(config(&header(Commit::Eager), &[64, 64], local)).unwrap()
 }
 
@@ -448,9 +448,9 @@ fn counts_late_timers_and_blocking_handlers() {
     }
     let tally = counting.tally();
     assert_eq!((tally.late_timers, tally.greatest_lag), (2, 90 * NS));
-    counting.ran(Some(2), 20 * NS);
-    counting.ran(Some(2), 300 * NS);
-    counting.ran(None, 40 * NS);
+    counting.check_handler_time(Some(2), 20 * NS);
+    counting.check_handler_time(Some(2), 300 * NS);
+    counting.check_handler_time(None, 40 * NS);
     counting.handler_failed(Some(2));
     counting.handler_failed(None);
     let tally = counting.tally();

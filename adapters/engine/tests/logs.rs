@@ -39,13 +39,13 @@ fn logs_have_each_refusal_drop_failure_and_miss() {
     });
     let log = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
     for words in [
-        "WARN fuseline_engine::engine::outcomes: message refused operator=\"tested\" timestamp=0 why=order",
-        "DEBUG fuseline_engine::engine::outcomes: request refused operator=\"tested\" timestamp=0 \
+        "WARN fuseline_engine::engine::apply: message refused operator=\"tested\" timestamp=0 why=order",
+        "DEBUG fuseline_engine::engine::apply: request refused operator=\"tested\" timestamp=0 \
          source=\"west\" why=deadline",
         "result dropped operator=\"tested\" timestamp=0 source=\"west\" why=unsolicited",
-        "WARN fuseline_engine::engine::outcomes: no result will come operator=\"tested\" timestamp=0 \
+        "WARN fuseline_engine::engine::apply: no result will come operator=\"tested\" timestamp=0 \
          source=\"local\" why=out of memory",
-        "WARN fuseline_engine::engine::outcomes: message missed operator=\"tested\" timestamp=0",
+        "WARN fuseline_engine::engine::apply: message missed operator=\"tested\" timestamp=0",
         "failure dropped operator=\"tested\" timestamp=0 source=\"local\" why=superseded",
     ] {
         assert!(log.contains(words), "no {words:?} in\n{log}");

@@ -68,12 +68,12 @@ proptest! {
         steps in proptest::collection::vec(step(), 1..200),
         commit in proptest::sample::select(&Commit::ALL[..]),
         skip_answered in any::<bool>(),
-        lossy in any::<bool>(),
+        may_lose_results in any::<bool>(),
     ) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trace.jsonl");
         let header = header(commit);
-        let local = Local { at_once: 2, waiting: Some(4), skip_answered, lossy, ..Local::default() };
+        let local = Local { at_once: 2, waiting: Some(4), skip_answered, may_lose_results, ..Local::default() };
         let mut engine: Tested = Engine::new(config(&header, &[2, 1], local)).unwrap();
         let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
         engine.record(recorder).unwrap();

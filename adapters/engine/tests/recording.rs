@@ -121,7 +121,7 @@ fn lost_file_is_reported_when_it_happens() {
         }
         .unwrap();
         let counts = engine.counts();
-        until(|| counts.tally().unrecorded.is_some());
+        until(|| counts.tally().recording_error.is_some());
         let error = engine.finish().unwrap_err().to_string();
         assert!(
             error.ends_with(&format!("trace.jsonl was {what} while it was written")),
@@ -151,15 +151,15 @@ fn full_disk_is_reported_and_the_operator_continues() {
     let mut engine = engine(&path, Recording::default());
     let counts = engine.counts();
     let mut t = 0;
-    while counts.tally().unrecorded.is_none() {
+    while counts.tally().recording_error.is_none() {
         answer(&mut engine, t);
         t += 1;
         // However slow the disk is, it never has more to write than this.
         if t.is_multiple_of(40) {
-            until(|| is_written(&path, t - 1) || counts.tally().unrecorded.is_some());
+            until(|| is_written(&path, t - 1) || counts.tally().recording_error.is_some());
         }
     }
-    let why = counts.tally().unrecorded.unwrap();
+    let why = counts.tally().recording_error.unwrap();
     assert!(why.contains("trace.jsonl") && why.contains("File too large"), "{why}");
     for later in t..t + 100 {
         answer(&mut engine, later);
@@ -245,7 +245,7 @@ fn slow_disk_ends_the_trace_and_is_reported() {
     let mut engine = engine(&path, Recording::default());
     let counts = engine.counts();
     let mut t = 0;
-    while counts.tally().unrecorded.is_none() {
+    while counts.tally().recording_error.is_none() {
         answer(&mut engine, t);
         t += 1;
         assert!(t < 1_000_000, "a million messages wait for the disk");
@@ -256,7 +256,7 @@ fn slow_disk_ends_the_trace_and_is_reported() {
         answer(&mut engine, later);
     }
     assert_eq!(engine.finish().unwrap_err().to_string(), "the disk is too slow for the trace");
-    assert_eq!(counts.tally().unrecorded.as_deref(), Some("the disk is too slow"));
+    assert_eq!(counts.tally().recording_error.as_deref(), Some("the disk is too slow"));
     let verdict = judge("trace", &reader.join().unwrap()[..]).unwrap();
     assert!(verdict.violations.is_empty() && verdict.judged > 100, "{verdict}");
 }

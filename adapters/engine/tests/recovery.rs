@@ -141,9 +141,9 @@ fn serves_as_at_first_after_any_disturbance() {
 /// Computations that hang, and those whose results are lost, are metered (D11, D13).
 #[test]
 fn each_lost_computation_is_metered() {
-    for lossy in [false, true] {
+    for may_lose_results in [false, true] {
         let recorder = DebuggingRecorder::new();
-        let local = Local { at_once: 2, waiting: Some(2), lossy, ..Local::default() };
+        let local = Local { at_once: 2, waiting: Some(2), may_lose_results, ..Local::default() };
         let mut engine: Tested = metrics::with_local_recorder(&recorder, || {
             Engine::new(config(&header(Commit::Eager), &[1, 1], local)).unwrap()
         });
@@ -157,6 +157,6 @@ fn each_lost_computation_is_metered() {
             let is_local = key.key().labels().any(|label| label.value() == "local");
             (key.key().name() == "fuseline_lost_total" && is_local).then_some(value)
         });
-        assert_eq!(lost, Some(DebugValue::Counter(2)), "lossy: {lossy}");
+        assert_eq!(lost, Some(DebugValue::Counter(2)), "may_lose_results: {may_lose_results}");
     }
 }

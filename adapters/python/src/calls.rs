@@ -422,7 +422,7 @@ impl PyCalls {
             (stepped, Duration::from_nanos(read()?.saturating_sub(begin)))
         };
         if took > Duration::from_nanos(self.longest_step) {
-            self.counting.counting().ran(Some(p), took);
+            self.counting.counting().check_handler_time(Some(p), took);
         }
         Ok(stepped)
     }

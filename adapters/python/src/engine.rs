@@ -93,13 +93,13 @@ impl PyEngine {
     ) -> PyResult<Self> {
         let header = header(clouds, window, commit, Some(operator.clone()))?;
         let interrupt = PendingException::default();
-        let (at_once, waiting, skip_answered, lossy, replaceable) = local;
+        let (at_once, waiting, skip_answered, may_lose_results, replaceable) = local;
         let mut config = EngineConfig {
             local: Local {
                 at_once,
                 waiting,
                 skip_answered,
-                lossy,
+                may_lose_results,
                 replaceable,
                 ..Local::default()
             },

@@ -8,9 +8,9 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyTuple};
 
+use crate::answer_classes::{AnswerClasses, CLOUDS};
 use crate::raised::config;
 use crate::time::{Nanos, Number};
-use crate::words::{AnswerClasses, CLOUDS};
 
 /// Holds what fired before an input, then the input's own answer.
 type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
@@ -317,17 +317,17 @@ impl Text {
 /// Applies an input. While Python's own classes make the answer, the machine is free again.
 fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer> {
     let py = slf.py();
-    let words = AnswerClasses::get(py)?;
+    let classes = AnswerClasses::get(py)?;
     let (fired, answer) = slf.borrow_mut().apply(input);
     let own = match answer {
-        Answer::Open { opening, .. } => words.opening(py, opening)?,
-        Answer::Offer { admission, .. } => words.admission(py, admission)?,
+        Answer::Open { opening, .. } => classes.opening(py, opening)?,
+        Answer::Offer { admission, .. } => classes.admission(py, admission)?,
         Answer::Result { outcome, .. } | Answer::Fail { outcome, .. } => {
-            words.outcome(py, &outcome)?
+            classes.outcome(py, &outcome)?
         }
         Answer::Tick => py.None(),
     };
-    Ok((words.firings(py, &fired)?, own))
+    Ok((classes.firings(py, &fired)?, own))
 }
 
 /// Makes the configuration of a machine, as its trace begins with it.

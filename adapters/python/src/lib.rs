@@ -1,5 +1,6 @@
 //! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
 
+mod answer_classes;
 mod calls;
 mod engine;
 mod fleet;
@@ -13,7 +14,6 @@ mod raised;
 mod reading;
 mod tally;
 mod time;
-mod words;
 
 use pyo3::prelude::*;
 

@@ -242,25 +242,26 @@ impl PyLatency {
     }
 
     /// Records how long a message took until its last item. Does nothing if the latency is stated.
-    fn record(&self, took: Nanos) {
-        self.0.record(Duration::from_nanos(took.0));
+    fn record(&self, latency: Nanos) {
+        self.0.record(Duration::from_nanos(latency.0));
     }
 
     /// Records how long local computed a result. Does nothing if the latency is stated.
-    fn record_local(&self, took: Nanos) {
-        self.0.record_local(Duration::from_nanos(took.0));
+    fn record_local(&self, latency: Nanos) {
+        self.0.record_local(Duration::from_nanos(latency.0));
     }
 
     /// Returns what the operator needs on board, as it is now.
     #[getter]
     fn on_board(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().on_board()))
+        crate::answer_classes::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().on_board()))
     }
 
     /// Returns what the operator takes with its clouds, as it is now.
     #[getter]
     fn with_clouds(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().with_clouds()))
+        crate::answer_classes::AnswerClasses::get(py)?
+            .ns(py, nanos(self.0.estimate().with_clouds()))
     }
 }
 

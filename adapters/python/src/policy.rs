@@ -15,9 +15,9 @@ use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
+use crate::answer_classes::AnswerClasses;
 use crate::raised::DeadlineError;
 use crate::time::{Nanos, Plain};
-use crate::words::AnswerClasses;
 
 /// Bounds how many calls are remembered.
 const WINDOW: usize = 64;

@@ -4,8 +4,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
 
+use crate::answer_classes::AnswerClasses;
 use crate::raised::TimeError;
-use crate::words::AnswerClasses;
 
 /// Reads a duration from seconds as a float, a `timedelta`, or the package's own `ns`. It refuses a plain int, since
 /// it may be meant as either unit; 0 is the same in both.

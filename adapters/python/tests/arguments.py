@@ -166,7 +166,7 @@ def clouded() -> Operator[Any, Any]:
 
 def linger(**of: Any) -> None:
     policy = Expected(lambda *_: 0.0, 0.1, probe_every=None)
-    operator().use_cloud(echo, plain, str, 1, policy=Constant(0.5).caps(policy), **of)
+    operator().use_cloud(echo, plain, str, 1, policy=Constant(0.5).cap(policy), **of)
 
 
 LOCAL_OPTIONS = {"workers": 1, "deadline": 0.5, "waiting": 4, "skip_answered": True}
@@ -253,7 +253,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "priority": [1, 65535],
             "calls": [1],
             "max_age": [0],
-            "policy": [None, Guard(), plain, Guard().caps(Constant(0.5))],
+            "policy": [None, Guard(), plain, Guard().cap(Constant(0.5))],
             "limit": [None, 1],
             "encode": [None, plain],
         },
@@ -306,7 +306,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
     ),
     "Local.task": Arguments(
         Local.task,
-        {"compute": echo, "at_once": 2, "deadline": 0.5, "waiting": 4, "lossy": True},
+        {"compute": echo, "at_once": 2, "deadline": 0.5, "waiting": 4, "may_lose_results": True},
         {
             "compute": [
                 (it, ConfigError, "takes an async function; give a plain one to Local.threads")
@@ -314,13 +314,13 @@ OPERATOR_CASES: dict[str, Arguments] = {
             ],
             "at_once": count("local computations at once"),
             **LOCAL_BAD,
-            "lossy": [],
+            "may_lose_results": [],
         },
         {"compute": [AsyncObject()], "at_once": [1], "deadline": [ns(1)], "waiting": [None, 0]},
         free="skip_answered",
     ),
-    "Local.task, lossy": Arguments(
-        lambda deadline: Local.task(echo, deadline=deadline, lossy=True),
+    "Local.task, may_lose_results": Arguments(
+        lambda deadline: Local.task(echo, deadline=deadline, may_lose_results=True),
         {"deadline": 0.5},
         {"deadline": [(None, ConfigError, "needs a deadline, to know that it is")]},
     ),

@@ -119,7 +119,7 @@ def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[A
         async with operator:
             first = Items(operator, output_len=2)
             for n in range(12):
-                other = first.another()
+                other = first.new_reader()
                 operator.write(n)
                 one = await first.read()
                 # It waits with the others for the next one, and takes what one of them took.
@@ -130,7 +130,7 @@ def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[A
                 del other
                 gc.collect()
             assert len(first._shared._readers) == 1
-            waiting = [asyncio.ensure_future(it.read()) for it in (first, first.another())]
+            waiting = [asyncio.ensure_future(it.read()) for it in (first, first.new_reader())]
             await asyncio.sleep(MS)
             operator.write(12)
             read = await asyncio.gather(*waiting)
@@ -334,7 +334,7 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
                 operator.write(0, Lineage("camera", 0, start))
                 item = await operator.read()
                 assert item is not None and item.age is not None
-                items.append((round(item.opened / 1e9), round(item.age), item.took))
+                items.append((round(item.opened / 1e9), round(item.age), item.latency))
                 await asyncio.sleep(5)
         return items
 

@@ -113,7 +113,7 @@ def test_what_is_compiled_of_policies_is_given_to_the_engine_and_all_else_as_it_
     assert compiled(expected) is expected._expected
     assert compiled(streaming) is streaming._expected
     assert compiled(own) is own
-    capped = guard.caps(expected)
+    capped = guard.cap(expected)
     assert compiled(capped) == (guard._guard, expected._expected)
 
 

@@ -134,7 +134,7 @@ def test_what_waits_when_its_input_is_closed_fails_at_once(run: Run[Any]) -> Non
             for after, step in steps:
                 loop.call_later(after, node.fusion.take, step)
             async for item in node.fusion.operator:
-                took.append((str(item.source), round(item.took, 3)))
+                took.append((str(item.source), round(item.latency, 3)))
                 node.fusion._send(item)
         nothing_waits(node.fusion)
         # A result that comes although the input was closed opens it.
@@ -159,7 +159,7 @@ def test_what_waits_when_the_dataflow_ends_is_missed_at_once(
             node.fusion._send(item)
         nothing_waits(node.fusion)
         assert node.fusion.dropped == {"input": 1}
-        return item.took
+        return item.latency
 
     assert run(main) == pytest.approx(0.2)
     assert "an input was not taken" in caplog.text

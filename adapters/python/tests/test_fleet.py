@@ -147,7 +147,7 @@ def test_under_progressive_a_message_counts_once_by_its_last_output() -> None:
     assert [(it.p, it.items) for it in own.outputs or []] == [(0, 1), (1, 1), (2, 1)]
     assert (own.messages, own.conforms) == (3, True)
     fusion.tick(20_000)
-    went, _, missed = fuseline.Trace(trace + fusion.take_trace())._ways()
+    went, _, missed = fuseline.Trace(trace + fusion.take_trace())._latencies()
     points = {0: [(0.0, 0.001)], 1: [(0.0, 0.005)], 2: [(0.0, 0.005)]}
     assert (went, missed) == (points, [])
 

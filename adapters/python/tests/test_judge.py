@@ -382,7 +382,7 @@ def test_a_timeline_has_each_message_once_with_how_long_it_took() -> None:
 {"ev":"miss","at":1300000000,"t":2}
 """
     assert fuseline.check(lines).conforms
-    went, waits, missed = Trace(lines)._ways()
+    went, waits, missed = Trace(lines)._latencies()
     assert went == {0: [(1.0, 160.0)]}
     assert waits == [(1.0, 200.0)]
     assert missed == [1.15, 1.1]

@@ -169,7 +169,7 @@ async def main(trace):
             values = [item.value async for item in operator]
     except fuseline.TraceError as error:
         print("raised", error)
-    print("unrecorded", operator.unrecorded)
+    print("recording_error", operator.recording_error)
     assert sorted(values) == [n * n for n in range(100)]
 
 
@@ -181,11 +181,11 @@ def test_a_disk_that_fills_is_reported_and_the_operator_goes_on(tmp_path: Path) 
     trace = tmp_path / "trace.jsonl"
     command = [sys.executable, "-c", FULL_DISK, str(trace)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    raised, unrecorded = ended.stdout.splitlines()
+    raised, recording_error = ended.stdout.splitlines()
     assert raised.startswith("raised the trace ends early: ")
-    assert unrecorded.startswith("unrecorded ")
+    assert recording_error.startswith("recording_error ")
     assert "File too large" in raised
-    assert "File too large" in unrecorded
+    assert "File too large" in recording_error
     assert "ERROR the recording ends here; the operator goes on (why=" in ended.stderr
     # D10: it ends with a whole input.
     assert 0 < trace.stat().st_size <= 4096

@@ -86,19 +86,21 @@ def test_no_trace_is_left_of_an_operator_that_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("replaced", [False, True])
-@misuse("removes or replaces the trace's file", "`unrecorded` at once; `TraceError` at the end")
+@misuse(
+    "removes or replaces the trace's file", "`recording_error` at once; `TraceError` at the end"
+)
 def test_trace_that_is_removed(tmp_path: Path, replaced: bool) -> None:
     trace = tmp_path / "run.jsonl"
 
     async def main() -> None:
         async with operator_of(trace=trace) as operator:
-            assert operator.unrecorded is None
+            assert operator.recording_error is None
             trace.rename(tmp_path / "rotated.jsonl")
             if replaced:
                 trace.write_text("")
             operator.write(1)
             await operator.read()
-            assert "while it was written" in str(operator.unrecorded)
+            assert "while it was written" in str(operator.recording_error)
             operator.close()
 
     with pytest.raises(TraceError, match="replaced" if replaced else "removed"):

@@ -66,7 +66,7 @@ def test_cloud_error_without_text(run: Run[Any], kind: type[Exception]) -> None:
         raise kind
 
     (item,), counts = played(run, lambda it, _: it.use_cloud(handle, ask, str, 1))
-    assert (item.value, item.took) == ("a on board", 0.0)
+    assert (item.value, item.latency) == ("a on board", 0.0)
     assert item.failures[0].why == TEXTS[kind]
     assert counts["cloud-1", "failure", "accepted"] == 1
 
@@ -78,7 +78,7 @@ def test_response_error_without_text(run: Run[Any], kind: type[Exception]) -> No
         raise kind
 
     (item,), _ = played(run, lambda it, _: it.use_cloud(echo, ask, respond, 1))
-    assert (item.value, item.took, len(item.failures)) == ("a on board", 0.0, 1)
+    assert (item.value, item.latency, len(item.failures)) == ("a on board", 0.0, 1)
 
 
 @pytest.mark.parametrize("kind", UNREADABLE)
@@ -97,7 +97,7 @@ def test_local_error_without_text(run: Run[Any], kind: type[Exception], where: s
         run, task if where == "task" else Local.threads(plain, deadline=None)
     )
     assert [item.ending for item in items] == [Ending.MISSED, Ending.FORWARDED, Ending.FORWARDED]
-    assert items[0].took < 0.5
+    assert items[0].latency < 0.5
     assert counts["local", "failure", "accepted"] == 1
 
 
@@ -135,7 +135,7 @@ def test_filter_of_logs_that_raises(run: Run[Any]) -> None:
         (item,), counts = played(run, prepare)
     finally:
         log.removeFilter(bad)
-    assert (item.value, item.took) == ("a on board", 0.0)
+    assert (item.value, item.latency) == ("a on board", 0.0)
     assert counts["cloud-1", "failure", "accepted"] == 1
 
 
@@ -146,7 +146,7 @@ def test_odd_timestamp_of_a_value(run: Run[Any], of: Any) -> None:
         return StampedValue(response, of)
 
     (item,), _ = played(run, lambda it, _: it.use_cloud(echo, ask, respond, 1, max_age=3))
-    assert (item.value, item.took) == ("a on board", 0.0)
+    assert (item.value, item.latency) == ("a on board", 0.0)
     assert "timestamp" in item.failures[0].why or "2**64" in item.failures[0].why
 
 
@@ -160,4 +160,4 @@ def test_timestamp_changed_in_local(run: Run[Any]) -> None:
 
     items, _ = only_local(run, Local.task(local))
     assert [item.value for item in items] == [None, "b", "c"]
-    assert items[0].took == 0.0
+    assert items[0].latency == 0.0

@@ -122,7 +122,7 @@ def test_reader_that_holds_the_other_back(run: Run[Any], caplog: pytest.LogCaptu
     async def main(loop: VirtualLoop) -> None:
         async with operator_of(clock=loop.time_ns, output_len=2) as operator:
             items = Items(operator, output_len=2)
-            other = items.another()
+            other = items.new_reader()
             operator.feed(range(50))
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(_all(items), 11.0)
@@ -270,7 +270,7 @@ def test_items_that_fail_for_two_readers(run: Run[Any]) -> None:
 
     async def main(loop: VirtualLoop) -> None:
         one = Items(items())
-        other = one.another()
+        other = one.new_reader()
         for reader in (one, other):
             assert await reader.read() == 1
             for _ in range(2):

@@ -72,7 +72,7 @@ def test_response_handler_without_return(run: Run[Any]) -> None:
         response.upper()
 
     (item,), _ = played(run, lambda it, _: it.use_cloud(echo, ask, respond, 1))
-    assert (item.value, item.took) == ("a on board", 0.0)
+    assert (item.value, item.latency) == ("a on board", 0.0)
 
 
 @pytest.mark.parametrize("threads", [False, True])
@@ -414,15 +414,15 @@ def expected() -> Expected:
 def test_one_policy_twice() -> None:
     one = expected()
     operator = operator_of()
-    operator.use_cloud(echo, ask, str, 1, policy=Constant(0.1).caps(one))
+    operator.use_cloud(echo, ask, str, 1, policy=Constant(0.1).cap(one))
     refused("one for each", lambda: operator.use_cloud(echo, ask, str, 2, policy=one))
     refused(
         "one for each",
-        lambda: operator.use_cloud(echo, ask, str, 2, policy=Guard().caps(one)),
+        lambda: operator.use_cloud(echo, ask, str, 2, policy=Guard().cap(one)),
     )
     constant = Constant(0.2)
     for priority in (3, 4):
-        operator.use_cloud(echo, ask, str, priority, policy=constant.caps(expected()))
+        operator.use_cloud(echo, ask, str, priority, policy=constant.cap(expected()))
 
 
 @misuse("gives two operators one `Local` with threads", "`ConfigError`: one for each")

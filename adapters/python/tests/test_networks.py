@@ -89,7 +89,7 @@ def test_calls_take_the_round_trip_of_their_moment(run: Run[list[Item[Any]]], ga
         return await items_of(operator, camera())
 
     items = sorted(run(main), key=lambda it: it.timestamp)
-    assert [round(it.took, 3) for it in items] == [0.11, 3.0, 2.06]
+    assert [round(it.latency, 3) for it in items] == [0.11, 3.0, 2.06]
     assert [it.value for it in items] == ["cloud's of 0", "1 on board", "cloud's of 2"]
     assert items[1].failures and "gone" in items[1].failures[0].why
     assert lefts == [2.45, 2.45, 1.475]
@@ -150,7 +150,7 @@ def test_a_call_without_a_network_waits_until_it_is_cancelled(run: Run[list[Item
         return await items_of(operator, [0])
 
     items = run(main)
-    assert [(it.value, round(it.took, 3)) for it in items] == [("0 on board", 0.5)]
+    assert [(it.value, round(it.latency, 3)) for it in items] == [("0 on board", 0.5)]
     assert not items[0].failures
 
 

@@ -106,7 +106,7 @@ def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
         operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
         async with operator:
             every = Items(operator)
-            last = every.another().last_only()
+            last = every.new_reader().last_only()
             operator.write("a")
             operator.write("b")
             operator.close()
@@ -134,7 +134,7 @@ def test_a_guard_under_progressive_is_refused_with_the_remedy(run: Run[Any]) -> 
     expected = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05)
 
     async def main(loop: VirtualLoop) -> None:
-        for policy in (Guard(), MyGuard(), Guard().caps(expected)):
+        for policy in (Guard(), MyGuard(), Guard().cap(expected)):
             operator: Operator[Any, Any] = Operator(local_after(0), commit="progressive")
             operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)
             with pytest.raises(fuseline.ConfigError, match="the policy of west promises"):
@@ -206,7 +206,7 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
 
 
 def test_a_capped_policy_says_whose_limit_it_is() -> None:
-    capped = Guard().caps(Constant(60.0))
+    capped = Guard().cap(Constant(60.0))
     chosen = capped.decide(Situation(speed=11.0), 90.0)
     assert (chosen.reason, chosen.case) == (Reason.GUARD, Case.LOCAL_STOPS)
     assert chosen == Guard().decide(Situation(speed=11.0), 90.0)

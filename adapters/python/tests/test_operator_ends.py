@@ -257,7 +257,7 @@ def test_calls_that_will_not_end_are_bounded(
         assert triggers == {Trigger.TIMER: 11, Trigger.ARRIVAL: 40}
         why = "10 calls have not ended, though they should have"
         assert items[20].failures[0].why == why
-        assert items[20].took < 1 * MS
+        assert items[20].latency < 1 * MS
         assert operator.counts["west", "failed because", why] == 40
         await asyncio.sleep(6)
 
@@ -301,8 +301,8 @@ def test_a_lost_computation_gives_its_place_back(
             await asyncio.sleep(3600)
         return message
 
-    async def main(loop: VirtualLoop, lossy: bool) -> tuple[list[Ending], int]:
-        on_board = Local.task(local, deadline=50 * MS, lossy=lossy)
+    async def main(loop: VirtualLoop, may_lose_results: bool) -> tuple[list[Ending], int]:
+        on_board = Local.task(local, deadline=50 * MS, may_lose_results=may_lose_results)
         operator: Operator[Any, Any] = Operator(on_board, clock=loop.time_ns)
         async with operator:
             for message in range(3):

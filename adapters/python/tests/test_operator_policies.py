@@ -55,7 +55,7 @@ def test_the_deadline_in_force_is_the_policys_under_its_cap(run: Run[Any], tmp_p
         operator.use_cloud(after(0), ask(0.1), str, 1, name="long", policy=Long())
         operator.use_cloud(after(0), ask(0.2), str, 2, name="plain")
         operator.use_cloud(after(0), ask(9.0), str, 3, name="safe", policy=guard)
-        operator.use_cloud(after(0), ask(9.0), str, 4, policy=guard.caps(Constant(0.4)))
+        operator.use_cloud(after(0), ask(9.0), str, 4, policy=guard.cap(Constant(0.4)))
         operator.use_situation(lambda message, t: Situation(speed=11.0))
         assert operator.deadlines == {}
         async with operator:
@@ -88,7 +88,7 @@ def test_a_policy_that_fails_asks_for_nothing(
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         operator: Operator[Any, Any] = Operator(local_after(20 * MS), clock=loop.time_ns)
-        operator.use_cloud(after(0), ask(1.0), str, 1, policy=Guard().caps(Failing()))
+        operator.use_cloud(after(0), ask(1.0), str, 1, policy=Guard().cap(Failing()))
         operator.use_cloud(after(0), ask(10 * MS), str, 2, policy=Constant(1.0))
         items = await items_of(operator, ["a"])
         assert operator.counts["cloud-1", "request", "admitted"] == 0
@@ -216,7 +216,7 @@ def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> No
             Local.task(local_after(50 * MS), at_once=99), clock=loop.time_ns, window=99
         )
         operator.use_situation(lambda message, t: Situation(speed=11.0))
-        operator.use_cloud(after(120 * MS), ask(2.0), str, 1, calls=99, policy=guard.caps(expected))
+        operator.use_cloud(after(120 * MS), ask(2.0), str, 1, calls=99, policy=guard.cap(expected))
 
         async def camera() -> Any:
             for message in range(40):
@@ -241,7 +241,7 @@ def test_refuses_policy_without_probes_or_linger() -> None:
     probing = Expected(accuracy, 0.05)
     detector = BoxDetector(70.0, 0.7)
     streaming = Streaming(detector, detector, 0.1, local_response=0.05, probe_every=None)
-    capped = (Constant(0.5).caps(expected), expected.caps(Constant(0.5)), Constant(0.5).caps(own))
+    capped = (Constant(0.5).cap(expected), expected.cap(Constant(0.5)), Constant(0.5).cap(own))
     for policy in (expected, streaming, own, *capped):
         operator: Operator[Any, Any] = Operator(local_after(0))
         with pytest.raises(fuseline.ConfigError, match=r"policy of west does not probe.*linger"):

@@ -356,7 +356,7 @@ def test_readers_share_the_items_and_the_slowest_holds_them_back_until_it_is_gon
         operator = Operator(Local.task(_same), clock=loop.time_ns)
         async with operator:
             one = Items(operator, output_len=2)
-            other = one.another()
+            other = one.new_reader()
             for n in range(4):
                 operator.write(n)
             read = [await one.read(), await one.read()]

@@ -47,7 +47,7 @@ class DrawnAction:
         return StampedValue(value, self.of)
 
     def __str__(self) -> str:
-        return words(self.kind, self.ms, self.of)
+        return to_text(self.kind, self.ms, self.of)
 
 
 @dataclass(frozen=True)
@@ -167,15 +167,15 @@ class DrawnScenario:
         skips = "skips" if self.skips else None
         substitutes = "substitutes" if self.substitutes else None
         operator = self.commit, self.window, self.at_once, self.deadline, self.waiting, skips
-        yield words("scenario", *operator, self.reserve, substitutes)
+        yield to_text("scenario", *operator, self.reserve, substitutes)
         for cloud in self.clouds:
-            yield words("cloud", *cloud)
+            yield to_text("cloud", *cloud)
         for side in self.sides:
-            yield words("side", *side)
+            yield to_text("side", *side)
         for message in self.messages:
-            lineage = words(*astuple(message.lineage))
-            asked = [words(p, *request) for p, request in message.asked.items()]
-            yield words("message", message.at, lineage, message.local, *asked)
+            lineage = to_text(*astuple(message.lineage))
+            asked = [to_text(p, *request) for p, request in message.asked.items()]
+            yield to_text("message", message.at, lineage, message.local, *asked)
 
     async def play(self, loop: VirtualLoop, trace: Path) -> tuple[list[str], bool]:
         """What became of it, in lines, and whether side requests make it ambiguous."""
@@ -261,7 +261,7 @@ async def read_all(operator: Operator[DrawnMessage, str]) -> list[str]:
     return [item_line(item) async for item in operator]
 
 
-def words(*of: Any) -> str:
+def to_text(*of: Any) -> str:
     """Words of a line; `-` is none."""
     return " ".join("-" if it is None else str(it) for it in of)
 
@@ -280,7 +280,7 @@ def item_line(item: Item[str]) -> str:
         *(item.timestamp, item.opened, item.decided, item.ending.value, value),
         *(item.source or "", arrived, item.trigger.value if item.trigger else ""),
         *(item.revision, failures),
-        *words(item.of, seq).split(),
+        *to_text(item.of, seq).split(),
         *(nanos(item.age), item.substitute or "-"),
     )
     return "item|" + "|".join(map(str, fields))

@@ -43,7 +43,7 @@ NOT_STARTED = "the operator has not started; use it with `async with`"
 def test_an_operator_before_its_start_and_in_another_thread() -> None:
     operator: Operator[int, Any] = Operator(local_after(0), name="lane")
     operator.use_cloud(after(0), ask(0.1), str, 1, name="west")
-    assert (operator.counts, operator.deadlines, operator.unrecorded) == ({}, {}, None)
+    assert (operator.counts, operator.deadlines, operator.recording_error) == ({}, {}, None)
     assert operator.greatest_lag == 0.0
     assert repr(operator) == "<Operator 'lane' clouds=['west'] not started, 0 messages>"
     operator.stop()

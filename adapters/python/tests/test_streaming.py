@@ -220,7 +220,7 @@ def test_a_constant_caps_it_and_it_is_one_of_those_that_expect() -> None:
     policy = streaming()
     policy.ended(End.ANSWERED, 0.3)
     assert isinstance(policy, Expected)
-    assert Constant(0.1).caps(policy).decide(Situation(), 1.0).deadline == 15_000_000
+    assert Constant(0.1).cap(policy).decide(Situation(), 1.0).deadline == 15_000_000
 
 
 def test_a_detector_that_could_not_be_is_refused() -> None:

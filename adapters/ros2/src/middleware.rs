@@ -107,7 +107,7 @@ impl Graph {
     }
 
     /// Publishes on a topic.
-    pub(crate) fn outlet(
+    pub(crate) fn publisher(
         &mut self,
         middleware: Middleware,
         topic: &str,
@@ -115,16 +115,16 @@ impl Graph {
         qos: Qos,
     ) -> Result<Box<dyn Publish>, NodeError> {
         match middleware {
-            Middleware::Dds => Ok(Box::new(self.dds()?.handle().outlet(topic, ty, qos)?)),
+            Middleware::Dds => Ok(Box::new(self.dds()?.handle().publisher(topic, ty, qos)?)),
             #[cfg(feature = "zenoh")]
-            Middleware::Zenoh => Ok(Box::new(self.zenoh()?.outlet(topic, ty, qos)?)),
+            Middleware::Zenoh => Ok(Box::new(self.zenoh()?.publisher(topic, ty, qos)?)),
             #[cfg(not(feature = "zenoh"))]
             Middleware::Zenoh => Err(NodeError::NoZenoh),
         }
     }
 
     /// Subscribes to a topic; `take` gets each message, in its publisher's order.
-    pub(crate) fn inlet<F>(
+    pub(crate) fn subscribe<F>(
         &mut self,
         middleware: Middleware,
         topic: &str,
@@ -136,9 +136,9 @@ impl Graph {
         F: Future<Output = ()> + Send + 'static,
     {
         match middleware {
-            Middleware::Dds => self.dds()?.handle().inlet(topic, ty, qos, take),
+            Middleware::Dds => self.dds()?.handle().subscribe(topic, ty, qos, take),
             #[cfg(feature = "zenoh")]
-            Middleware::Zenoh => self.zenoh()?.inlet(topic, ty, qos, take),
+            Middleware::Zenoh => self.zenoh()?.subscribe(topic, ty, qos, take),
             #[cfg(not(feature = "zenoh"))]
             Middleware::Zenoh => Err(NodeError::NoZenoh),
         }

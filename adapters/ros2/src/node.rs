@@ -81,18 +81,18 @@ pub(crate) fn open<'a>(
     let stream = &settings.output;
     let qos = settings.qos(&stream.topic, Role::Publisher);
     let own = settings.middleware;
-    let output = graph.outlet(own, &stream.topic, &stream.type_name, qos)?;
+    let output = graph.publisher(own, &stream.topic, &stream.type_name, qos)?;
     let revisions = match &settings.revisions {
         None => None,
         Some(topic) => {
             let qos = settings.qos(topic, Role::Publisher);
-            Some(graph.outlet(own, topic, &stream.type_name, qos)?)
+            Some(graph.publisher(own, topic, &stream.type_name, qos)?)
         }
     };
     let (sender, inputs) = mpsc::channel(1);
     let input = &settings.input;
     let qos = settings.qos(&input.topic, Role::Subscription);
-    let input_end = graph.inlet(own, &input.topic, &input.type_name, qos, move |sample| {
+    let input_end = graph.subscribe(own, &input.topic, &input.type_name, qos, move |sample| {
         let sender = sender.clone();
         async move { drop(sender.send(sample).await) }
     })?;
@@ -207,7 +207,7 @@ pub(crate) fn engine_config(settings: &Settings) -> Result<EngineConfig, NodeErr
         local: Local {
             at_once: settings.local.in_flight.into(),
             waiting: Some(settings.local.waiting.into()),
-            lossy: true,
+            may_lose_results: true,
             ..Local::default()
         },
         takes_hints: settings.clouds.iter().any(|cloud| cloud.hints.is_some()),
@@ -261,7 +261,12 @@ fn sources(
             None => None,
             Some(topic) => {
                 let qos = settings.qos(topic, Role::Publisher);
-                Some(graph.outlet(settings.middleware, topic, &settings.output.type_name, qos)?)
+                Some(graph.publisher(
+                    settings.middleware,
+                    topic,
+                    &settings.output.type_name,
+                    qos,
+                )?)
             }
         };
         sources.push(NodeSource {
@@ -286,11 +291,11 @@ fn topics(
     index: usize,
 ) -> Result<Route, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
-    let requests = graph.outlet(middleware, requests, &settings.input.type_name, qos)?;
+    let requests = graph.publisher(middleware, requests, &settings.input.type_name, qos)?;
     let qos = settings.qos(results, Role::Subscription);
     let arrived = arrived.clone();
     let results =
-        graph.inlet(middleware, results, &settings.output.type_name, qos, move |sample| {
+        graph.subscribe(middleware, results, &settings.output.type_name, qos, move |sample| {
             let arrived = arrived.clone();
             async move { drop(arrived.send((index, sample)).await) }
         })?;
@@ -306,7 +311,7 @@ fn latest(
     received: mpsc::Sender<ReceivedPayload>,
 ) -> Result<Arc<Endpoint>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
-    let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {
+    let end = graph.subscribe(settings.middleware, topic, type_name, qos, move |sample| {
         let received = received.clone();
         async move { drop(received.send(sample).await) }
     })?;

@@ -140,7 +140,7 @@ impl Reporter {
             (ERROR, format!("{missed} messages missed"))
         } else if unsent > 0 {
             (ERROR, format!("{unsent} outputs not sent: a subscriber is too far behind"))
-        } else if let Some(why) = &tally.unrecorded {
+        } else if let Some(why) = &tally.recording_error {
             (ERROR, format!("the recording has ended: {why}"))
         } else if refused > 0 {
             (WARN, format!("{refused} messages refused"))
@@ -342,7 +342,7 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
     if let Some(forwarded) = item.forwarded() {
         values.push(seconds("arrived_s", forwarded.arrived.saturating_sub(item.opened)));
     }
-    values.push(seconds("decided_s", item.took()));
+    values.push(seconds("decided_s", item.latency()));
     let name = format!("{node}: output");
     DiagnosticStatus { level, name, message, hardware_id: String::new(), values }
 }

@@ -74,7 +74,7 @@ impl StatusPublisher {
         let clock = Arc::new(Clock::new(settings.use_sim_time));
         let (taking, setting) = (Arc::clone(&clock), Arc::clone(&clock));
         let (topic, ty, qos) = CLOCK;
-        graph.inlet(settings.middleware, topic, ty, qos, move |sample| {
+        graph.subscribe(settings.middleware, topic, ty, qos, move |sample| {
             taking.take(sample);
             std::future::ready(())
         })?;

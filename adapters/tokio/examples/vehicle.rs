@@ -40,7 +40,7 @@ fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     let handle = |_frame: Frame, _call: Call| async { Ok("by the cloud".to_owned()) };
     let message_handler = |frame: &Frame, _t| Some((frame.clone(), Duration::from_secs(2)));
     let cloud = setup.use_cloud(handle, message_handler, Ok, 1);
-    cloud.policy = Some(Box::new(guard.caps(expected)));
+    cloud.policy = Some(Box::new(guard.cap(expected)));
     setup.use_situation(|frame, _t| Situation::at(MetresPerSecond(frame.speed)));
     Ok(())
 }
@@ -55,7 +55,7 @@ fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
         Ok(())
     };
     setup.use_side_request(ask_planner, message_handler, response_handler).calls = 2;
-    setup.use_hints(|hint| println!("{} came {:?} after its message", hint.value, hint.age));
+    setup.on_late_result(|hint| println!("{} came {:?} after its message", hint.value, hint.age));
     Local::blocking(move |_frame, _t| Ok(plan.with(|plan| format!("on board, lane {}", plan.lane))))
 }
 

@@ -161,7 +161,7 @@ pub enum SpawnError {
 /// Why an operator did not end well; its counts are kept all the same.
 #[derive(Debug, Error)]
 pub enum JoinError {
-    /// It ended, but its trace ended earlier. [`Tally::unrecorded`] said so when it happened.
+    /// It ended, but its trace ended earlier. [`Tally::recording_error`] said so when it happened.
     #[error("the trace ends early: {error}")]
     Trace {
         /// Why.
@@ -226,7 +226,7 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
             replaceable: if local.kind.is_made_anew() { local.replaceable } else { 0 },
             skip_answered: local.skip_answered,
             // A task or thread that has not ended is still running.
-            lossy: false,
+            may_lose_results: false,
         },
         lag_warning: config.lag_warning,
         greatest_deadline: config.greatest_deadline,

@@ -215,7 +215,7 @@ fn handled<R>(
 ) -> Option<R> {
     let begin = Instant::now();
     let called = catch_unwind(AssertUnwindSafe(call));
-    counting.ran(None, begin.elapsed());
+    counting.check_handler_time(None, begin.elapsed());
     let logged = called.map_err(|panic| {
         error!(timestamp, handler, why = reason(&*panic), "a handler of the operator's panicked");
         counting.handler_failed(None);

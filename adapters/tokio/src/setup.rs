@@ -187,7 +187,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// These are results dropped as `late` or `superseded`, local's too, if their message is one of the
     /// last 1024. Aborted calls have no result: let clouds [linger](Cloud::linger).
     /// `take_hint` is called in the operator's task and must not block.
-    pub fn use_hints(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
+    pub fn on_late_result(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
         self.hints = Some(Box::new(take_hint));
         self
     }
@@ -233,7 +233,7 @@ impl<I, O> CloudHandler<I, O> {
         let begin = ended.unwrap_or_else(Instant::now);
         let wanted = catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)));
         let end = *ended.insert(Instant::now());
-        counting.ran(Some(self.priority), end.saturating_duration_since(begin));
+        counting.check_handler_time(Some(self.priority), end.saturating_duration_since(begin));
         wanted.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, cloud = %self.name, why, "the message handler panicked");

@@ -215,7 +215,7 @@ impl<T> Reader<T> {
 
     /// Another reader of the stream, for all messages written from now on.
     #[must_use]
-    pub fn another(&self) -> Self {
+    pub fn new_reader(&self) -> Self {
         let (sender, receiver) = mpsc::channel(self.capacity);
         if let Some(joining) = self.joining.upgrade() {
             joining.lock().push(sender);
@@ -268,7 +268,7 @@ mod tests {
     #[tokio::test]
     async fn every_reader_gets_every_message_in_order() {
         let (mut writer, mut one) = stream(2);
-        let mut other = one.another();
+        let mut other = one.new_reader();
         assert_eq!(writer.write('a'), Ok(0));
         assert_eq!(writer.write('b'), Ok(1));
         drop(writer);
@@ -283,7 +283,7 @@ mod tests {
     async fn a_late_reader_sees_the_same_timestamps() {
         let (mut writer, one) = stream(2);
         assert_eq!(writer.write('a'), Ok(0));
-        let mut late = one.another();
+        let mut late = one.new_reader();
         assert_eq!(writer.write('b'), Ok(1));
         assert_eq!(received(&mut late).await, Some((1, 'b')));
     }
@@ -291,7 +291,7 @@ mod tests {
     #[tokio::test]
     async fn the_slowest_reader_holds_the_writer_back_and_loses_nothing() {
         let (mut writer, mut one) = stream(1);
-        let mut slow = one.another();
+        let mut slow = one.new_reader();
         assert_eq!(writer.write(1), Ok(0));
         assert_eq!(one.read().await.as_deref(), Some(&1));
         assert_eq!(writer.write(2), Err(WriteError::Full(2)));
@@ -302,7 +302,7 @@ mod tests {
     #[tokio::test]
     async fn a_dropped_reader_holds_nobody_back() {
         let (mut writer, one) = stream(1);
-        let mut other = one.another();
+        let mut other = one.new_reader();
         assert_eq!(writer.write(1), Ok(0));
         drop(one);
         assert_eq!(other.read().await.as_deref(), Some(&1));
@@ -363,7 +363,7 @@ mod tests {
     fn a_reader_made_after_the_end_is_at_the_end() {
         let (writer, one) = stream::<u8>(1);
         drop(writer);
-        let mut late = one.another();
+        let mut late = one.new_reader();
         assert_eq!(late.receiver.try_recv().unwrap_err(), mpsc::error::TryRecvError::Disconnected);
     }
 }

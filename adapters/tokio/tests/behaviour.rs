@@ -253,7 +253,7 @@ async fn operators_join_into_a_graph_and_readers_share_a_stream() {
         }
     }
     let (mut camera, frames) = stream(8);
-    let other_frames = frames.another();
+    let other_frames = frames.new_reader();
     let act = |t| if t == 0 { Never } else { Answers(30) };
     let detector = Script::new().cloud(1, 100, act);
     let (_, detections) = spawn(detector, Config::default(), frames).unwrap();

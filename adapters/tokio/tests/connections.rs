@@ -1,4 +1,4 @@
-//! How long a connection may take: a client's attempt to reach a host, and a stranger's greeting.
+//! How long a connection may take: a client's attempt to reach a host, and an unknown client's greeting.
 #![cfg(feature = "grpc")]
 
 use std::future::{self, ready};

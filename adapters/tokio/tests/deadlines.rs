@@ -286,7 +286,7 @@ async fn a_policy_that_neither_probes_nor_sees_calls_linger_is_refused_with_the_
     let shared = SharedState::new(expected(None));
     for policy in [
         Box::new(expected(None)) as Box<dyn Policy + Send>,
-        Box::new(Constant(50 * MS).caps(expected(None))),
+        Box::new(Constant(50 * MS).cap(expected(None))),
         Box::new(shared),
     ] {
         let error = start(policy, Duration::ZERO).unwrap_err();
@@ -301,7 +301,7 @@ async fn a_policy_that_neither_probes_nor_sees_calls_linger_is_refused_with_the_
 async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it_when_it_returns() {
     let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
     let expected = Expected::<_, 16>::new(loss, Duration::from_millis(20), Some(8)).unwrap();
-    let policy = Constant(400 * MS).caps(expected);
+    let policy = Constant(400 * MS).cap(expected);
     let (mut camera, frames) = stream(8);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         // It is gone from message 40 to message 79.
@@ -314,7 +314,7 @@ async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it
     for t in 0..120 {
         camera.write(t).unwrap();
         let item = output.read().await.unwrap();
-        took.push((item.took().as_millis(), line(&item).contains("cloud 1's")));
+        took.push((item.latency().as_millis(), line(&item).contains("cloud 1's")));
     }
     assert!(took[16..40].iter().all(|took| *took == (150, true)), "{took:?}");
     // Sixteen ends after it went nothing is left to wait for, but for one message in eight.

@@ -149,8 +149,8 @@ async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
     assert_eq!(failure(&locked.http()).await, "a bearer token is needed");
     assert_eq!(failure(&plain.https(&ca)).await, "the server does not speak TLS");
     assert_eq!(failure(&secure.http()).await, "the connection broke");
-    let stranger = failure(&secure.https(&Ca::new())).await;
-    assert_eq!(stranger, "invalid peer certificate: BadSignature");
+    let unknown_client = failure(&secure.https(&Ca::new())).await;
+    assert_eq!(unknown_client, "invalid peer certificate: BadSignature");
     // Words that were others each second would be a reason each.
     let expired = failure(&old.https(&ca)).await;
     assert_eq!(expired, "invalid peer certificate: certificate expired");
@@ -258,9 +258,9 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
 
 /// Passes on to the cloud and back, until it is signalled; from then on the connection stays open and nothing more
 /// of it goes on. The next one is passed on again.
-async fn passed_on(door: TcpListener, cloud: SocketAddr, reported: oneshot::Receiver<()>) {
+async fn passed_on(entry: TcpListener, cloud: SocketAddr, reported: oneshot::Receiver<()>) {
     let connection =
-        async || (door.accept().await.unwrap().0, TcpStream::connect(cloud).await.unwrap());
+        async || (entry.accept().await.unwrap().0, TcpStream::connect(cloud).await.unwrap());
     let mut silent = connection().await;
     tokio::select! {
         ended = copy_bidirectional(&mut silent.0, &mut silent.1) => panic!("{ended:?}"),
@@ -274,14 +274,14 @@ async fn passed_on(door: TcpListener, cloud: SocketAddr, reported: oneshot::Rece
 #[tokio::test]
 async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
-    let door = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let entry = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let remote = Remote {
         ping_after: Duration::from_millis(200),
         ping_deadline: Duration::from_secs(2),
-        ..Remote::new(format!("http://{}", door.local_addr().unwrap()))
+        ..Remote::new(format!("http://{}", entry.local_addr().unwrap()))
     };
     let (fall_silent, reported) = oneshot::channel();
-    let between = tokio::spawn(passed_on(door, cloud.address, reported));
+    let between = tokio::spawn(passed_on(entry, cloud.address, reported));
     let mut client = InferClient::new(remote.connect().unwrap());
     assert_eq!(one(&mut client, b"first").await.unwrap(), b"first");
     fall_silent.send(()).unwrap();
@@ -349,8 +349,8 @@ async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
     let known = Remote { identity: Some(ca.sign("vehicle")), ..cloud.https(&ca) };
     assert_eq!(call(&known).await.unwrap(), b"frame");
 
-    let stranger = cloud.https(&ca);
-    call(&stranger).await.expect_err("no certificate");
+    let unknown_client = cloud.https(&ca);
+    call(&unknown_client).await.expect_err("no certificate");
     let forger = Remote { identity: Some(other.sign("vehicle")), ..cloud.https(&ca) };
     call(&forger).await.expect_err("another CA's certificate");
     let plain = cloud.http();

@@ -40,7 +40,7 @@ impl Operator for ChangeableOperator {
         let deadline = Duration::from_millis(1);
         let cloud = setup.use_cloud(handle, move |message, _| Some((*message, deadline)), Ok, 1);
         cloud.linger = deadline;
-        setup.use_hints(|_| {});
+        setup.on_late_result(|_| {});
         let answer = |message: u64, _: Call| async move { Ok::<_, Error>(message) };
         let wanted = |message: &u64, _| message.is_multiple_of(4).then_some((*message, SECOND));
         setup.use_side_request(answer, wanted, |_| Ok(()));

@@ -155,7 +155,7 @@ async fn a_measured_reserve_leaves_what_the_next_operator_takes() {
 #[tokio::test(start_paused = true)]
 async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
     let (mut camera, frames) = stream(9);
-    let other_frames = frames.another();
+    let other_frames = frames.new_reader();
     let (_fast, fast) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
     let slow = ClosureOperator(|_: &mut _| {
         Local::futures(9, |ms: Arc<u64>, _| async move {
@@ -408,7 +408,7 @@ async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over
 #[tokio::test(start_paused = true)]
 async fn all_are_written_as_the_slowest_reader_makes_room() {
     let (writer, reader) = stream(1);
-    let slow = reader.another();
+    let slow = reader.new_reader();
     let read = async |mut reader: fuseline_tokio::Reader<u64>, pause: Duration| {
         let mut count = 0;
         while reader.read().await.is_some() {

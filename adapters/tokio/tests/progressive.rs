@@ -126,7 +126,7 @@ async fn a_stop_between_two_outputs_leaves_the_trace_whole_and_no_item_marked_la
     let config = Config { trace, ..progressive() };
     let clouds: [fn(u64) -> Reply; 1] = [|_| Never];
     let (running, mut output) = spawn(operator(clouds), config, frames).unwrap();
-    let mut last = output.another().last_only();
+    let mut last = output.new_reader().last_only();
     camera.write(0).unwrap();
     let item = output.read().await.unwrap();
     assert!(matches!(item.ending, Ending::Preliminary(_)) && !item.is_last());
@@ -146,7 +146,7 @@ async fn a_reader_of_last_items_alone_reads_one_for_each_message_with_its_value(
     let clouds: [fn(u64) -> Reply; 2] =
         [|t| if t == 1 { Never } else { After(50) }, |t| if t == 0 { After(70) } else { Never }];
     let (_, output) = spawn(operator(clouds), progressive(), frames).unwrap();
-    let mut every = output.another();
+    let mut every = output.new_reader();
     let read = |mut reader: Reader<Item<String>>| async move {
         let mut lines = Vec::new();
         while let Some(item) = reader.read().await {
@@ -255,8 +255,8 @@ async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
     };
     for policy in [
         Box::new(guard()) as Box<dyn Policy + Send>,
-        Box::new(guard().caps(expected())),
-        Box::new(Constant(50 * MS).caps(guard())),
+        Box::new(guard().cap(expected())),
+        Box::new(Constant(50 * MS).cap(guard())),
     ] {
         let error = start(policy, Commit::Progressive).unwrap_err();
         assert!(
@@ -289,7 +289,7 @@ async fn a_join_takes_the_last_revision_that_comes_before_its_set_is_due() {
     let (mut camera, frames) = stream(9);
     let clouds = operator([|t| After(if t == 0 { 50 } else { 10 }), |_| After(60)]);
     let (_running, revisions) = spawn(clouds, progressive(), frames).unwrap();
-    let patient = tokio::spawn(joined(100 * MS, revisions.another()));
+    let patient = tokio::spawn(joined(100 * MS, revisions.new_reader()));
     let hasty = tokio::spawn(joined(35 * MS, revisions));
     camera.write_with(0, Lineage::new("camera", 7, Instant::now())).unwrap();
     drop(camera);

@@ -305,7 +305,7 @@ async fn a_result_that_comes_too_late_is_a_hint_for_the_next_messages_and_no_out
         let last = Plan::new("nothing".into());
         slow_cloud(setup, 50);
         let last_plan = last.clone();
-        setup.use_hints(move |hint| {
+        setup.on_late_result(move |hint| {
             let age = hint.age.as_millis();
             last_plan.with(|last_plan| {
                 *last_plan = format!("{} {age} ms old, {}", hint.value, hint.why);
@@ -328,7 +328,7 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
     let hints = Arc::new(Mutex::new(Vec::new()));
     let shared = Arc::clone(&hints);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
-        setup.use_hints(move |hint| {
+        setup.on_late_result(move |hint| {
             let source = hint.source.to_string();
             hints.lock().unwrap().push((hint.timestamp, source, hint.value, hint.age, hint.why));
             assert_ne!(hint.timestamp, 0, "on purpose");

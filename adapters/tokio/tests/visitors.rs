@@ -1,14 +1,14 @@
-//! A server among innocents and strangers, in virtual time. `VISITORS_SEED=N` runs one again, `VISITORS=N` so many.
+//! A server among well-behaved and hostile clients, in virtual time. `VISITORS_SEED=N` runs one again, `VISITORS=N` so many.
 #![cfg(feature = "grpc")]
 
-#[path = "support/innocents.rs"]
-mod innocents;
+#[path = "support/hostile_clients.rs"]
+mod hostile_clients;
 #[path = "support/memory.rs"]
 mod memory;
-#[path = "support/rude.rs"]
-mod rude;
 #[path = "support/visitors.rs"]
 mod visitors;
+#[path = "support/well_behaved_clients.rs"]
+mod well_behaved_clients;
 #[path = "support/years.rs"]
 mod years;
 
@@ -20,7 +20,7 @@ fn number(name: &str) -> Option<u64> {
 
 /// D6, D8, D12: as the bounds say, and after it as before.
 #[test]
-fn innocents_are_served_and_strangers_leave_nothing_behind() {
+fn hostile_clients_leave_nothing_behind() {
     let seeds = match number("VISITORS_SEED") {
         Some(seed) => seed..seed + 1,
         None => 0..number("VISITORS").unwrap_or(8),

@@ -14,7 +14,7 @@ export function showStory(trace, k) {
   const broken = new Map(own.map(({ line, rule }) => [line, rule]));
   by("events").replaceChildren(
     ...Array.from(events.subarray(first[k], first[k + 1]), (i) => {
-      const { kind, what, why, place } = words(trace, i);
+      const { kind, what, why, place } = describe(trace, i);
       const rule = broken.get(trace.lineOf(i));
       return el("li", { class: `${kind}${rule ? " broken" : ""}` },
         el("span", { class: "at" }, `+${time(trace.at[i] - start[k])}`.replace("+-", "−")),
@@ -60,7 +60,7 @@ function lineage({ lineages, outcome, response }, k) {
   return `${from}${own.origin == null ? "" : "; it"} was ${time(age)} old as it was opened${out}.${lacks}`;
 }
 
-function words({ ev, p, a, b, sources, refusals, drops }, i) {
+function describe({ ev, p, a, b, sources, refusals, drops }, i) {
   const place = p[i];
   const name = sources[place]?.label;
   const of = (kind, what, why) => ({ kind, what, why, place });

@@ -82,7 +82,7 @@ pub(super) struct Named<'a> {
 
 impl ViewKind {
     /// The option that names values, and what they are called.
-    pub(super) const fn words(self) -> (&'static str, &'static str) {
+    pub(super) const fn option_and_noun(self) -> (&'static str, &'static str) {
         match self {
             Self::Column => ("--column", "column"),
             Self::Frame => ("--frame", "column"),
@@ -261,7 +261,7 @@ impl Mapping<'_> {
             Some(text) if text.trim().is_empty() => format!("{name:?} is null or empty"),
             Some(text) => format!("{name:?} is {text}, which --missing says is no value"),
             None if view.reads("deadline") => {
-                format!("there is no {} {name:?}", view.kind.words().1)
+                format!("there is no {} {name:?}", view.kind.option_and_noun().1)
             }
             None => "no column is named for it".to_owned(),
         };
@@ -336,7 +336,7 @@ impl Mapping<'_> {
 
     /// A value that cannot be read, by the user's own name for it.
     fn wrong(row: &Row, view: &View<'_>, key: &str, text: &str, why: &str) -> Problem {
-        let (_, noun) = view.kind.words();
+        let (_, noun) = view.kind.option_and_noun();
         let is_none = time::is_no_value(text) || text == "-1" && !why.contains("--missing");
         let remedy = if is_none { format!("; {}", none_of(text)) } else { String::new() };
         let name = view.name(key);
@@ -346,7 +346,7 @@ impl Mapping<'_> {
     /// A key that a row lacks, by the user's own name for it.
     fn lacking(row: &Row, view: &View<'_>, key: &str, ev: &str) -> Problem {
         let of = if ev == "row" { String::new() } else { format!(" of this {ev}") };
-        let ((option, noun), name) = (view.kind.words(), view.name(key));
+        let ((option, noun), name) = (view.kind.option_and_noun(), view.name(key));
         let given = view.given(key).map(|it| format!(", which {option} names for {}", it.what));
         let message = match (row.cell(name), &given) {
             (Some(text), _) if !text.trim().is_empty() => {

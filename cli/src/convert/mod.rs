@@ -262,7 +262,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     }
     if args.write_header {
         let Understood { sources, notes, .. } = read(args, &files, None, notes)?;
-        notes.complain();
+        notes.print();
         let header = header::ask(sources.found(), &mut io::stdin().lock(), &mut io::stderr())?;
         return put_header(output.as_ref(), header);
     }

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
-use crate::complain::complain;
 use crate::convert::row::{Place, Spot};
+use crate::diagnostics::print_line;
 
 /// What was guessed, changed or left out, each kind once with its count and its first place.
 #[derive(Default, Debug)]
@@ -86,9 +86,9 @@ impl Notes {
     }
 
     /// Prints them on standard error, each in one line whatever the log holds.
-    pub(super) fn complain(&self) {
+    pub(super) fn print(&self) {
         for line in self.lines() {
-            complain(format_args!("note: {}", line.replace(char::is_control, "\u{fffd}")));
+            print_line(format_args!("note: {}", line.replace(char::is_control, "\u{fffd}")));
         }
     }
 }

@@ -75,9 +75,12 @@ impl<'a> LogReader<'a> {
             let named = args.column.iter();
             let named =
                 named.map(|(key, name)| Named { key, what: (*key).into(), name: name.into() });
-            (ViewKind::Column.words().0, named.collect())
+            (ViewKind::Column.option_and_noun().0, named.collect())
         } else {
-            (ViewKind::Frame.words().0, args.frame.iter().map(|column| column.named()).collect())
+            (
+                ViewKind::Frame.option_and_noun().0,
+                args.frame.iter().map(|column| column.named()).collect(),
+            )
         };
         let column = |topic, event, source| {
             // The last one counts.

@@ -8,13 +8,13 @@ use fuseline_traces::{
     Annotations, Decision, Event, Events, Header, HeaderAnnotations, Input, Line,
 };
 
-use crate::complain::complain;
 use crate::convert::files::LogFile;
 use crate::convert::log::{OrderOptions, Run};
 use crate::convert::notes::Notes;
 use crate::convert::reading::{self, Understood};
 use crate::convert::row::Problem;
 use crate::convert::{Args, OptionError};
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
@@ -88,7 +88,7 @@ pub(super) fn write_runs(
         return put(output, &mut |out| {
             let (runs, notes) = understand(notes.take().unwrap_or_default())?;
             runs.iter().try_for_each(|run| write_run(out, header, run))?;
-            notes.complain();
+            notes.print();
             Ok(())
         });
     }
@@ -104,9 +104,9 @@ pub(super) fn write_runs(
         put(Some(output), &mut |out| write_run(out, header, run))?;
         let first = run.entries.first().map_or_else(String::new, |entry| entry.place.within());
         let (name, count) = (output.name(), run.entries.len());
-        complain(format_args!("note: {name}: a run of {count} events, from {first}"));
+        print_line(format_args!("note: {name}: a run of {count} events, from {first}"));
     }
-    notes.complain();
+    notes.print();
     Ok(Exit::Conforms)
 }
 
@@ -148,7 +148,7 @@ impl<'a> RecordedTrace<'a> {
         match line {
             Err(error) if self.truncated && error.is_cut() => {
                 let name = &self.file.name;
-                complain(format_args!("note: {name}: the file is cut off ({error})"));
+                print_line(format_args!("note: {name}: the file is cut off ({error})"));
                 Ok(None)
             }
             line => line.map_err(|error| self.problem(&error)),

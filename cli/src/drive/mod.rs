@@ -18,8 +18,8 @@ mod save;
 mod shrink;
 #[cfg(test)]
 mod tests;
+mod text;
 mod trial;
-mod words;
 mod written;
 
 use std::ffi::OsString;

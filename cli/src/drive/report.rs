@@ -17,7 +17,7 @@ use super::peer::ProtocolViolation;
 use super::reach::{DriveLimits, NotDriven, lines, missing};
 use super::repeat::Need;
 use super::shrink::{DriveFinding, FindingKind};
-use super::words;
+use super::text;
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
 
@@ -141,7 +141,7 @@ impl ReportedFinding {
                 {
                     print_violation(&AnyViolation::from(violation), &verdict.file, out)?;
                     self.print_story(out, "in words")?;
-                    let [found, expected] = words::both(&violation.found, &violation.expected);
+                    let [found, expected] = text::both(&violation.found, &violation.expected);
                     writeln!(out, "{INDENT}  found: {found}")?;
                     writeln!(out, "{INDENT}  expected: {expected}")?;
                 }
@@ -191,7 +191,7 @@ impl ReportedFinding {
                 Event::Decision(_) => "  ".to_owned(),
             };
             let lead = if i == 0 { lead } else { "" };
-            writeln!(out, "  {lead:<9} {at}{}", words::event(event))?;
+            writeln!(out, "  {lead:<9} {at}{}", text::event(event))?;
         }
         Ok(())
     }

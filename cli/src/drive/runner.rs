@@ -17,7 +17,7 @@ use super::report::{CaseOutcome, DriveReport, ReportedFinding};
 use super::save;
 use super::shrink::{DriveFinding, FindingKind};
 use super::trial::{Bench, DriveStop, SentCase};
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::interrupt::Interrupt;
 
 /// How often progress is printed when there is no terminal.
@@ -179,7 +179,7 @@ impl<'a> CaseRunner<'a> {
         self.report.took = self.since.elapsed();
         if self.bar.is_hidden() && self.reported.elapsed() >= TELL {
             self.reported = Instant::now();
-            complain(format_args!("{}", self.progress()));
+            print_line(format_args!("{}", self.progress()));
         }
         Ok(finding.map(|finding| CaseDifference { case, finding, sent }))
     }

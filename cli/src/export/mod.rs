@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use fuseline_traces::packed::unpack_beside;
 use fuseline_traces::{Annotations, Event, Events};
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::export::frames::Frames;
 use crate::export::mcap::McapWriter;
@@ -130,13 +130,15 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     })?;
     if !lost.is_empty() {
         let (name, lost) = (name(inputs[0]), lost.join(", "));
-        complain(format_args!(
+        print_line(format_args!(
             "note: {name}: left out, since spans cannot say them: {lost}; the verdict on a trace made of these spans may be another"
         ));
     }
     for name in left_out {
         const LEFT_OUT: &str = "of, try, within, max_age and local are left out";
-        complain(format_args!("note: {name}: {LEFT_OUT}; the viewer's file has no place for them"));
+        print_line(format_args!(
+            "note: {name}: {LEFT_OUT}; the viewer's file has no place for them"
+        ));
     }
     Ok(Exit::Conforms)
 }

@@ -283,7 +283,7 @@ impl<W: Write> SpanWriter<W> {
         let MessageSpan { trace_id, span_id, start, mut attributes, by: sent, .. } = message;
         // Under progressive a message goes on after its output.
         let sent = sent.map(|(_, sent)| sent).filter(|sent| Some(*sent) != at);
-        attributes.optional("fuseline.took", sent.map(|sent| sent.saturating_sub(start)));
+        attributes.optional("fuseline.latency", sent.map(|sent| sent.saturating_sub(start)));
         attributes.optional("fuseline.by", by);
         attributes.value(value);
         let span = EndedSpan {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::probe::log::ProbeLog;
 use crate::probe::options::Args;
 use crate::probe::summary::{counted, quantile};
@@ -46,7 +46,7 @@ impl ProbeProgress {
                 bar.set_prefix(time);
                 bar.set_message(state);
             }
-            None => complain(format!("{time}: {state}")),
+            None => print_line(format!("{time}: {state}")),
         }
     }
 

@@ -25,7 +25,7 @@ use thiserror::Error;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
@@ -119,7 +119,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
             reached.map_err(|(why, remedy)| ProbeError::Silent { url: url.to_owned(), why, remedy })?;
         }
         () = interrupt.wait() => {
-            complain("interrupted before the first answer; nothing was recorded");
+            print_line("interrupted before the first answer; nothing was recorded");
             return Ok(());
         }
     }
@@ -182,7 +182,7 @@ async fn warn_of_model(url: &str, connection: Connection) {
         format!(", which takes about {:.1} ms", runtime.as_secs_f64() * 1e3)
     });
     let drive = drive.map_or_else(String::new, |drive| format!(", behind {drive}"));
-    complain(format_args!(
+    print_line(format_args!(
         "warning: {url} serves {model}{runtime}{drive}; the round trips contain that time. To measure the \
          network alone, start `fuseline probe --serve` there"
     ));

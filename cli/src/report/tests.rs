@@ -48,7 +48,7 @@ fn operate(run: &Run) -> (Tally, Vec<u8>) {
     (engine.counts().tally(), std::fs::read(path).unwrap())
 }
 
-fn reckon(trace: &[u8]) -> TraceStatistics {
+fn statistics_of(trace: &[u8]) -> TraceStatistics {
     let mut reader = Events::new("trace", trace).unwrap();
     let header = reader.header();
     let clouds = header.clouds.iter().map(|cloud| cloud.p);
@@ -93,7 +93,7 @@ fn run_and_page_report_what_the_operator_counted() {
     for number in 0..500 {
         let run = generator.run(number);
         let (tally, trace) = operate(&run);
-        let statistics = reckon(&trace);
+        let statistics = statistics_of(&trace);
         let totals = statistics.totals();
         assert_eq!(totals.missed, tally.missed);
         assert_eq!(totals.forwarded, tally.forwarded());

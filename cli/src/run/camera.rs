@@ -19,7 +19,7 @@ use crate::link::EmulatedLink;
 use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
-use crate::run::live::{RunProgress, unrecorded};
+use crate::run::live::{RunProgress, recording_error};
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
@@ -141,18 +141,18 @@ impl Camera<'_> {
         // Without frames to come the operator ends once all is answered.
         drop((self.frames, self.output));
         let so_far = self.running.tally();
-        let (tally, unrecorded) = match self.running.join().await {
+        let (tally, recording_error) = match self.running.join().await {
             Ok(tally) => (tally, None),
             Err(JoinError::Trace { error, tally }) => {
-                let why = tally.unrecorded.as_deref().map(ToOwned::to_owned);
+                let why = tally.recording_error.as_deref().map(ToOwned::to_owned);
                 let why = why.unwrap_or_else(|| error.to_string());
-                (*tally, Some(unrecorded(&self.plan.trace, &why)))
+                (*tally, Some(recording_error(&self.plan.trace, &why)))
             }
             Err(error @ JoinError::Stopped { .. }) => (so_far, Some(error.to_string())),
         };
         live.show(&tally);
         let begun = self.begun.iter().map(|begun| begun.load(Ordering::Relaxed)).collect();
-        RunMetadata { begun, tally, interrupted, unrecorded }
+        RunMetadata { begun, tally, interrupted, recording_error }
     }
 
     /// Writes a frame every period; says whether the user ended it.

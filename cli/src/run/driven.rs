@@ -11,5 +11,5 @@ pub(crate) struct RunMetadata {
     /// Whether the user ended it.
     pub(crate) interrupted: bool,
     /// Why the trace ends before the run does, if so.
-    pub(crate) unrecorded: Option<String>,
+    pub(crate) recording_error: Option<String>,
 }

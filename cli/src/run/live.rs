@@ -9,7 +9,7 @@ use fuseline_tokio::{Item, SourceTally, Tally};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::emulation::Emulation;
 use crate::run::plan::RunPlan;
 use crate::run::table::{counted, millis, secs};
@@ -55,7 +55,7 @@ impl<'a> RunProgress<'a> {
         let priority = forwarded.source.priority;
         let cloud = self.plan.clouds.iter().position(|cloud| cloud.priority == priority);
         if let Some(latest) = self.latest.get_mut(cloud.map_or(0, |i| i + 1)) {
-            *latest = Some(item.took());
+            *latest = Some(item.latency());
         }
     }
 
@@ -73,7 +73,7 @@ impl<'a> RunProgress<'a> {
             }
             View::Plain => {
                 if let Some(line) = self.plain(elapsed, tally) {
-                    complain(line);
+                    print_line(line);
                 }
             }
         }
@@ -89,13 +89,15 @@ impl<'a> RunProgress<'a> {
 
     /// Reports once that the trace has ended before its run.
     fn warn(&mut self, tally: &Tally) {
-        let Some(why) = tally.unrecorded.as_deref().filter(|_| !self.is_warned) else { return };
+        let Some(why) = tally.recording_error.as_deref().filter(|_| !self.is_warned) else {
+            return;
+        };
         self.is_warned = true;
         let trace = &self.plan.trace;
-        let warning = format!("warning: {}: {}", trace.display(), unrecorded(trace, why));
+        let warning = format!("warning: {}: {}", trace.display(), recording_error(trace, why));
         match &self.view {
-            View::Terminal { all, .. } => all.suspend(|| complain(warning)),
-            View::Plain => complain(warning),
+            View::Terminal { all, .. } => all.suspend(|| print_line(warning)),
+            View::Plain => print_line(warning),
         }
     }
 
@@ -138,7 +140,7 @@ impl<'a> RunProgress<'a> {
 }
 
 /// Why the trace ends before its run: without its name and the system's number.
-pub(crate) fn unrecorded(trace: &Path, why: &str) -> String {
+pub(crate) fn recording_error(trace: &Path, why: &str) -> String {
     let name = trace.display().to_string();
     let why = why.strip_prefix(&name).and_then(|why| why.strip_prefix(": ")).unwrap_or(why);
     why.split(" (os error").next().unwrap_or_default().to_owned()
@@ -210,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_trace_that_ended_is_reported_without_its_name_and_the_systems_number() {
-        let why = |why| unrecorded(Path::new("t.jsonl"), why);
+        let why = |why| recording_error(Path::new("t.jsonl"), why);
         assert_eq!(why("t.jsonl: no space left (os error 28)"), "no space left");
         assert_eq!(why("t.jsonlx: no space left"), "t.jsonlx: no space left");
         assert_eq!(why("it is full"), "it is full");

@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let mut report = reading.report(&plan, &driven);
     let silent = report.silent_clouds();
     report.trace = args.doubted(report.trace, silent.clone());
-    if driven.unrecorded.is_none() {
+    if driven.recording_error.is_none() {
         let notes = crate::report::noted_tick(ended_at, &report.notes(&plan));
         own.append(notes.as_bytes())
             .map_err(|source| Fault::Create { name: name.clone(), source })?;
@@ -93,7 +93,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             writeln!(out, "{}: the page of this run", page.name()).map_err(Fault::Output)?;
         }
     }
-    match driven.unrecorded {
+    match driven.recording_error {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
         None => Ok(verdict::exit(&report.trace)),
     }

@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 use crate::emulation::answer;
 use crate::fault::Fault;
 use crate::files;
@@ -65,7 +65,7 @@ impl Network {
             if matches!(cloud.server, CloudServer::Remote(_))
                 && let Some(difference) = cloud.served.describe(connection.clone()).await
             {
-                complain(format_args!("warning: {}: {difference}", cloud.name));
+                print_line(format_args!("warning: {}: {difference}", cloud.name));
             }
         }
     }

@@ -229,7 +229,7 @@ impl Reading {
             policies: policies(&messages, plan, &totals, driven),
             totals,
             trace: Findings::Strict(self.verdict),
-            page: (driven.unrecorded.is_none())
+            page: (driven.recording_error.is_none())
                 .then(|| plan.page.as_ref().map(|it| it.name().to_owned()))
                 .flatten(),
         }

@@ -165,19 +165,20 @@ impl Graph {
         let settings = config("tracking", after(&[&predicting, &planning]), Some(&tracking));
         // Under progressive an old frame's better boxes may come after a newer frame's.
         let boxes = match drive.rule {
-            Rule::Progressive => newest(detected.another()),
-            _ => detected.another().in_order(100 * MS, 200 * MS, |_| {}),
+            Rule::Progressive => newest(detected.new_reader()),
+            _ => detected.new_reader().in_order(100 * MS, 200 * MS, |_| {}),
         };
         let tracked = start(Tracking(drive.clone()), settings, boxes, &mut running)?;
         let settings = config("prediction", after(&[&planning]), Some(&predicting));
-        let in_order = tracked.another().in_order(100 * MS, 150 * MS, |_| {});
+        let in_order = tracked.new_reader().in_order(100 * MS, 150 * MS, |_| {});
         let predicted = start(Predicting(drive.clone()), settings, in_order, &mut running)?;
         let settings = config("planning", after_planning(), Some(&planning));
-        let planned = start(Planning(drive.clone()), settings, predicted.another(), &mut running)?;
+        let planned =
+            start(Planning(drive.clone()), settings, predicted.new_reader(), &mut running)?;
 
         let mut orders = Join::new(JoinConfig { name: "orders".into(), ..JoinConfig::default() });
         orders.aligned("tick", ticks, |_: &mut Order, _, _| {});
-        orders.latest_items("plan", planned.another(), 1000 * MS, |order, item| {
+        orders.latest_items("plan", planned.new_reader(), 1000 * MS, |order, item| {
             order.plan = item.value().copied();
         });
         orders.origin_of("plan");
@@ -210,7 +211,7 @@ impl Graph {
             control = control.or_else(|| Stage::of("control", &item, frame, by));
             let tick = FIRST_TICK + TICK * u32::try_from(item.timestamp)?;
             let seen = plan.map(|scene| scene.seen);
-            driven.commands.push(Command { tick, took: item.took(), seen });
+            driven.commands.push(Command { tick, took: item.latency(), seen });
         }
         let (detected, tracked, predicted, planned) = stages.await?;
         for (by, stages) in [&detected, &tracked, &predicted, &planned] {
@@ -291,7 +292,7 @@ impl Stage {
             return None;
         }
         let answered = std::time::Instant::from(Instant::now()) - lineage.captured?;
-        let taken_in = answered.saturating_sub(item.took());
+        let taken_in = answered.saturating_sub(item.latency());
         Some(Self { operator, taken_in, answered, by: by.to_owned() })
     }
 }

@@ -138,7 +138,7 @@ class Converter:
     _fusedconv2d, _fuseddepthwiseconv2dnative = _conv2d, _depthwiseconv2dnative
 
     def _convolve(self, node: GraphNode, weights: Constant, groups: int) -> OnnxValue:
-        image, fused = self._image(node.inputs[0]), node.words("fused_ops")
+        image, fused = self._image(node.inputs[0]), node.strings("fused_ops")
         strides = node.integers("strides")[1:3]
         dilations = (node.integers("dilations") or [1] * 4)[1:3]
         spans = [(it - 1) * by + 1 for it, by in zip(weights.shape[2:], dilations, strict=True)]

@@ -24,7 +24,7 @@ class DrawnOutput:
 
     source: str
     boxes: Boxes
-    took: float
+    latency: float
 
 
 def draw(image: NDArray[np.uint8], number: int, outputs: list[DrawnOutput]) -> NDArray[np.uint8]:
@@ -39,7 +39,7 @@ def draw(image: NDArray[np.uint8], number: int, outputs: list[DrawnOutput]) -> N
     cv2.rectangle(image, (0, 0), (image.shape[1], 26), (0, 0, 0), -1)
     x = _write(image, f"frame {number}", 8, (255, 255, 255))
     for output in outputs:
-        words = f"{output.source} {output.took * 1e3:.0f} ms, {len(output.boxes)}"
+        words = f"{output.source} {output.latency * 1e3:.0f} ms, {len(output.boxes)}"
         x = _write(image, words, x + 24, COLOURS[output.source])
     return image
 

@@ -28,7 +28,7 @@ BINS = 11
 CLASSES = 80
 
 
-def words(source: str) -> str:
+def network_name(source: str) -> str:
     """A source's network in words."""
     height, width = SIZES[source]
     return f"NanoDet {width}×{height}"

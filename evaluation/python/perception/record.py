@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from detections import KEPT, SOURCES, KeptDetections
 from frames import RATE, decode, jpegs
 from metrics import Boxes
-from models import SIZES, NanoDet, average, on_tiles, words
+from models import SIZES, NanoDet, average, on_tiles, network_name
 from reference import reference
 
 #: How many frames are kept: almost a minute.
@@ -76,13 +76,13 @@ def record(folder: Path, models: Path, out: Path) -> int:
         found[source] = [boxes for boxes, _ in pairs]
         seconds[source] = [taken for _, taken in pairs]
         print(
-            f"{source}: {words(source)}, {sorted(seconds[source])[len(images) // 2] * 1e3:.1f} ms"
+            f"{source}: {network_name(source)}, {sorted(seconds[source])[len(images) // 2] * 1e3:.1f} ms"
         )
     people = reference(offline(network(models, "east"), images, found["east"]))
     kept = KeptDetections(
         RATE,
         [file.stat().st_size for file in files],
-        {source: words(source) for source in SOURCES},
+        {source: network_name(source) for source in SOURCES},
         seconds,
         found,
         people,

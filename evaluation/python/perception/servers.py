@@ -21,7 +21,7 @@ from fuseline.grpc import Description, Server
 from emulation import network_from
 from frames import decode
 from metrics import Boxes
-from models import words
+from models import network_name
 from play import CLOUDS
 from record import network
 
@@ -51,7 +51,7 @@ async def serve(cloud: str, models: Path, start: int) -> None:
         return encode(await computed)
 
     behind = network_from(cloud, start).handle(infer)
-    async with Server(behind, description=Description(words(cloud), drive=cloud)) as server:
+    async with Server(behind, description=Description(network_name(cloud), drive=cloud)) as server:
         print(server.url, flush=True)
         await asyncio.Event().wait()
 

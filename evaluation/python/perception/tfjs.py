@@ -26,7 +26,7 @@ class GraphNode(NamedTuple):
         """An attribute that is a list of whole numbers; empty if it is absent."""
         return [int(it) for it in self.attributes.get(name, {}).get("list", {}).get("i", [])]
 
-    def words(self, name: str) -> list[str]:
+    def strings(self, name: str) -> list[str]:
         """An attribute that is a list of words."""
         listed = self.attributes.get(name, {}).get("list", {}).get("s", [])
         return [base64.b64decode(it).decode() for it in listed]

@@ -135,7 +135,7 @@ class LiveRun:
         outputs: dict[int, list[DrawnOutput]] = {}
         for item in self.items:
             if item.value is not None:
-                drawn = DrawnOutput(str(item.source), item.value, item.took)
+                drawn = DrawnOutput(str(item.source), item.value, item.latency)
                 outputs.setdefault(item.timestamp, []).append(drawn)
         numbers = np.linspace(0, len(self._files) - 1, DRAWN).astype(int)
         images = [

@@ -47,7 +47,7 @@ def nanos(seconds: float) -> int:
 
 def _expected() -> Policy:
     guard = Guard(PARAMETERS)
-    return guard.caps(Expected(Impact(PARAMETERS), local_response=LOCAL, probe_every=None))
+    return guard.cap(Expected(Impact(PARAMETERS), local_response=LOCAL, probe_every=None))
 
 
 def _first(local: int, cloud: int | None) -> tuple[int, int]:

@@ -15,7 +15,7 @@ use crate::plot::{PageContent, show};
 use fuseline_testkit::networks::Drive;
 
 /// What the page says first.
-const WORDS: &str = "The same model on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is first, it \
+const CAPTION: &str = "The same model on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is first, it \
     could as well run a larger model.";
 /// Where the figures are from.
 const MODEL: &str = "Runtimes and quantiles of the round trip are the paper's. The shares are of ten recorded networks, whose \
@@ -75,7 +75,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     let result = result(&drives);
     let text = text::text(&result);
     if let Some(folder) = plots {
-        let words = [WORDS, MODEL];
+        let words = [CAPTION, MODEL];
         show(
             &folder,
             &PageContent {

@@ -20,7 +20,7 @@ use crate::options::{OutputOptions, above_0, not_below_0, speed, time};
 use crate::plot::{Folder, PageContent, show};
 
 /// What the page says first.
-const WORDS: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
+const CAPTION: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
     cloud made for this case, and that is in a cache, is there sooner. The plan came by a call aside: a gate admitted it, \
     a deadline bounded it, and the machine does not know of it.";
 /// What is modelled.
@@ -161,7 +161,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     };
     let text = text::text(&result);
     if let Some(folder) = plots {
-        let words = [WORDS, MODEL];
+        let words = [CAPTION, MODEL];
         let plots = plots::plots(&result, geometry);
         show(
             &folder,

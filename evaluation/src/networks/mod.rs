@@ -34,7 +34,7 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 const TRACES: usize = 10_000;
 
 /// What the page says first.
-const WORDS: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
+const CAPTION: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
     response is its runtime plus the round trip that the drive had when the frame was captured. The policies differ in \
     whose result they wait for, and how long.";
 /// What is modelled.
@@ -177,7 +177,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     };
     let text = text::text(&result);
     if let Some(folder) = plots {
-        let words = [WORDS, MODEL];
+        let words = [CAPTION, MODEL];
         let plots = plots::plots(&result);
         show(
             &folder,

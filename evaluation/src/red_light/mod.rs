@@ -18,7 +18,7 @@ use crate::red_light::crossing::{Crossing, Ego, WarningSource};
 pub(crate) use crate::red_light::geometry::{CrossingGeometry, Variant};
 
 /// What the page says first.
-const WORDS: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
+const CAPTION: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
     neither on board nor in the cloud. If both cars send their locations to a service in the cloud, ego knows of the \
     other car before it can see it, and brakes.";
 /// What is modelled.
@@ -171,7 +171,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     };
     let text = text::text(&result);
     if let Some(folder) = plots {
-        let words = [WORDS, MODEL];
+        let words = [CAPTION, MODEL];
         let plots = plots::plots(args, &result);
         show(
             &folder,

@@ -21,7 +21,7 @@ use crate::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
 use crate::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
 
 /// What the page says first.
-const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
+const CAPTION: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
     frames report it. Local sees less far than the cloud, and the cloud's results come when the network lets them. The \
     shipped machine decided every output, in virtual time; every ending follows from the outputs and the stated physics.";
 /// What is modelled.
@@ -186,7 +186,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     };
     let text = text::text(&result);
     if let Some(folder) = plots {
-        let words = [WORDS, MODEL];
+        let words = [CAPTION, MODEL];
         show(
             &folder,
             &PageContent {

@@ -4,7 +4,9 @@ use std::collections::BTreeSet;
 
 use super::suites::{CALLED, COMMAND, LOOM, MACHINE, OPERATOR, POLICY, PYTHON, ROS2};
 use super::{Program, WitnessKind};
-use crate::citation::{cited_by_harness, cited_by_pytest, cited_by_test, cited_by_trace, words};
+use crate::citation::{
+    cited_by_harness, cited_by_pytest, cited_by_test, cited_by_trace, identifiers,
+};
 use crate::fault::SeededFault;
 use crate::printed::{read_models, read_pytest, read_steps, read_tests, read_traces};
 
@@ -81,7 +83,7 @@ pub const KINDS: &[WitnessKind] = &[
             &["check", "--quick", "--keep-going", "--threads", "1", "--json"],
         )],
         read: read_models,
-        cites: |_, witness| Ok(words(witness)),
+        cites: |_, witness| Ok(identifiers(witness)),
         ..TESTS
     },
     WitnessKind {
@@ -227,7 +229,7 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: |fault| fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[
-            program("fuseline-tokio", "strangers", &[]),
+            program("fuseline-tokio", "client_limits", &[]),
             program("fuseline-tokio", "visitors", &[]),
         ],
         threads: "6",

@@ -22,7 +22,7 @@ use crate::translate::Copy;
 use crate::uncatchable::UncatchableFaults;
 
 /// The groups that take longest. A fault is first tried with the others.
-const DEAR: [&str; 2] = ["fusion", "wait"];
+const SLOWEST_GROUPS: [&str; 2] = ["fusion", "wait"];
 
 /// What to prove, and with which tools.
 pub(crate) struct ProofRun<'a> {
@@ -59,7 +59,7 @@ impl ProofRun<'_> {
         let lines = self.all(
             "harnesses",
             &harnesses,
-            |line| self.tell(line),
+            |line| self.report(line),
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
                 let line = line(harness, None, checked);
@@ -112,7 +112,7 @@ impl ProofRun<'_> {
         let lines = self.all(
             "faults",
             &pairs,
-            |line| self.tell(line),
+            |line| self.report(line),
             |(fault, name)| {
                 let (harness, fault) = (self.harness(name)?, known(fault)?);
                 let checked = self.under(&tools, &copy, fault, harness)?;
@@ -177,7 +177,7 @@ impl ProofRun<'_> {
                     all.partition(|h| is_cited(h, fault));
                 let mut order: Vec<&Harness> = citing.into_iter().chain(others).collect();
                 order.retain(|harness| by.is_empty() || by.contains(&harness.name));
-                order.sort_by_key(|harness| DEAR.contains(&harness.group.as_str()));
+                order.sort_by_key(|harness| SLOWEST_GROUPS.contains(&harness.group.as_str()));
                 for harness in order {
                     if catches(fault, harness)? {
                         return Ok((fault.name.clone(), true));
@@ -380,7 +380,7 @@ impl ProofRun<'_> {
     }
 
     /// Prints a line of the ledger.
-    fn tell(&self, line: &LedgerLine) {
+    fn report(&self, line: &LedgerLine) {
         if self.json {
             println!("{}", serde_json::to_string(line).unwrap_or_default());
         } else {
@@ -393,7 +393,7 @@ impl ProofRun<'_> {
         &self,
         what: &'static str,
         tasks: &[T],
-        tell: impl Fn(&R) + Sync,
+        report: impl Fn(&R) + Sync,
         work: impl Fn(&T) -> Result<(String, R), Error> + Sync,
     ) -> Result<BTreeMap<String, R>, Error> {
         let bar = ProgressBar::new(tasks.len() as u64);
@@ -406,7 +406,7 @@ impl ProofRun<'_> {
             while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 match work(task) {
                     Ok((name, result)) => {
-                        bar.suspend(|| tell(&result));
+                        bar.suspend(|| report(&result));
                         bar.set_message(name.clone());
                         done.insert(name, result);
                     }

@@ -25,7 +25,7 @@ impl RunWriter<'_> {
     }
 
     /// Gives inputs that a timestamp does not wait for, so they can only be dropped or refused.
-    pub(super) fn poke(&mut self) {
+    pub(super) fn push_ineffective(&mut self) {
         let t = self.timestamp();
         let count = self.draw.weighed(&[(3, 4), (1, 16)]);
         self.poke_at(t, count);

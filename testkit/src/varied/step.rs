@@ -23,7 +23,7 @@ enum VariedStep {
     /// A tick after several due instants.
     LateTick,
     /// Inputs that can only be dropped or refused in the state of a timestamp.
-    Poke,
+    Ineffective,
     /// All clouds return results for one message, one after the other.
     Chain,
     /// Offers that change one cloud's gate.
@@ -47,7 +47,7 @@ impl RunWriter<'_> {
             (14, VariedStep::Arrival),
             (18, VariedStep::Tick),
             (6, VariedStep::LateTick),
-            (7, VariedStep::Poke),
+            (7, VariedStep::Ineffective),
             (8, VariedStep::Chain),
             (7, VariedStep::Gate),
             (2, VariedStep::Flood),
@@ -78,7 +78,7 @@ impl RunWriter<'_> {
             VariedStep::Arrival => self.arrival(),
             VariedStep::Tick => self.push(Input::Tick { at }),
             VariedStep::LateTick => self.late_tick(),
-            VariedStep::Poke => self.poke(),
+            VariedStep::Ineffective => self.push_ineffective(),
             VariedStep::Chain => self.chain(),
             VariedStep::Gate => self.move_gate(),
             VariedStep::Flood => {

@@ -18,6 +18,9 @@ pub mod simulate;
 #[path = "../../../cli/src/deadline.rs"]
 mod deadline;
 #[cfg(feature = "parsers")]
+#[path = "../../../cli/src/diagnostics.rs"]
+mod diagnostics;
+#[cfg(feature = "parsers")]
 #[path = "../../../evaluation/src/duration.rs"]
 pub mod duration;
 #[cfg(feature = "parsers")]
@@ -31,9 +34,6 @@ mod fault;
 mod input;
 #[cfg(feature = "parsers")]
 mod probe;
-#[cfg(feature = "parsers")]
-#[path = "../../../cli/src/remedy.rs"]
-mod remedy;
 #[cfg(feature = "parsers")]
 #[path = "../../../cli/src/sink.rs"]
 mod sink;

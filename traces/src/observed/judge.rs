@@ -46,7 +46,7 @@ pub struct Judge {
     passed: u64,
     open: BTreeMap<u64, Box<OpenMessageHistory>>,
     /// The instant at which each timestamp can be judged, or could before it got another line.
-    ripening: BinaryHeap<Reverse<(u64, u64)>>,
+    closing: BinaryHeap<Reverse<(u64, u64)>>,
     /// The open timestamps that broke the rules.
     overdue: VecDeque<u64>,
     /// The timestamps that are done.
@@ -141,7 +141,7 @@ impl Judge {
             greatest: 0,
             passed: 0,
             open: BTreeMap::new(),
-            ripening: BinaryHeap::new(),
+            closing: BinaryHeap::new(),
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
             refused: RangeInclusiveSet::new(),
@@ -246,7 +246,7 @@ impl Judge {
             if !self.crowded.is_empty() {
                 self.settle_crowded(Some(self.passed), self.certain());
             }
-            self.ripen();
+            self.judge_closed();
         }
         Ok(())
     }
@@ -352,8 +352,8 @@ impl Judge {
         }
         if !open.is_queued {
             open.is_queued = true;
-            let ripe = open.ripens(self.header.commit, &self.slack);
-            self.ripening.push(Reverse((ripe, t)));
+            let closed_from = open.closed_from(self.header.commit, &self.slack);
+            self.closing.push(Reverse((closed_from, t)));
         }
     }
 
@@ -398,17 +398,17 @@ impl Judge {
     }
 
     /// Judges the timestamps that no line can change any more.
-    fn ripen(&mut self) {
-        while let Some(Reverse((ripe, t))) = self.ripening.peek().copied() {
-            if ripe >= self.greatest {
+    fn judge_closed(&mut self) {
+        while let Some(Reverse((closed_from, t))) = self.closing.peek().copied() {
+            if closed_from >= self.greatest {
                 break;
             }
-            self.ripening.pop();
+            self.closing.pop();
             let Some(open) = self.open.get(&t) else { continue };
-            let ripe = open.ripens(self.header.commit, &self.slack);
-            if ripe >= self.greatest {
+            let closed_from = open.closed_from(self.header.commit, &self.slack);
+            if closed_from >= self.greatest {
                 // It got a line since.
-                self.ripening.push(Reverse((ripe, t)));
+                self.closing.push(Reverse((closed_from, t)));
                 continue;
             }
             let Some(mut open) = self.open.remove(&t) else { continue };
@@ -518,7 +518,7 @@ impl Judge {
                 // It never came.
                 unplaced.late = None;
             }
-            self.tell(t, open, unplaced);
+            self.report(t, open, unplaced);
         }
     }
 
@@ -598,7 +598,7 @@ impl Judge {
         self.violate(Violation { line, t, rule: BrokenRule::J1, found, expected, late, story });
     }
 
-    fn tell(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
+    fn report(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
         let UnlocatedViolation { line, rule, found, expected, late, suspicion } = unplaced;
         self.causes.takes(t, suspicion, late);
         let line = line.unwrap_or(open.line);

@@ -289,7 +289,7 @@ impl NaiveEngine {
             source.lingering.iter().map(|call| call.due.unwrap().saturating_add(source.linger))
         });
         let local = &self.sources[0];
-        let is_noticed = !self.settings.local.lossy || !local.waiting.is_empty();
+        let is_noticed = !self.settings.local.may_lose_results || !local.waiting.is_empty();
         let lost = local.running.iter().filter_map(|job| job.lost).filter(|_| is_noticed);
         self.reference.next_due().into_iter().chain(lingering).chain(lost).min()
     }
@@ -463,7 +463,7 @@ impl NaiveEngine {
         while let Some(which) = self.sources[0].running.iter().position(is_lost) {
             self.count("lost local");
             let local = &mut self.sources[0];
-            if self.settings.local.lossy {
+            if self.settings.local.may_lose_results {
                 local.running.remove(which);
             } else if local.replaced.len() < self.settings.local.replaceable {
                 let job = local.running.remove(which);

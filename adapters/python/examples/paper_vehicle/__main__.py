@@ -111,19 +111,19 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
     detected = Items(detecting)
     # Under progressive an old frame's better boxes may come after a newer frame's.
     if vehicle.rule == "progressive":
-        boxes = Items(newest(detected.another()))
+        boxes = Items(newest(detected.new_reader()))
     else:
-        boxes = detected.another().in_order(0.1, 0.2, clock=clock)
+        boxes = detected.new_reader().in_order(0.1, 0.2, clock=clock)
     trackers = tracking(vehicle, [predict, plan, *after], track)
     tracked = Items(trackers)
-    tracks = tracked.another().in_order(0.1, 0.15, clock=clock)
+    tracks = tracked.new_reader().in_order(0.1, 0.15, clock=clock)
     predictors = prediction(vehicle, [plan, *after], predict)
     predicted = Items(predictors)
     planner = planning(vehicle, after, plan)
     planned = Items(planner)
     orders = Join(name="orders", clock=clock)
     ticks = orders.aligned("tick")
-    orders.latest("plan", 1.0, planned.another())
+    orders.latest("plan", 1.0, planned.new_reader())
     orders.origin_of("plan")
     controller = control(vehicle)
     driven, sensors = Drive(), Drivers(vehicle, seconds)
@@ -135,7 +135,7 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
         detecting.feed(cameras)
         trackers.feed(boxes)
         predictors.feed(tracks)
-        planner.feed(predicted.another())
+        planner.feed(predicted.new_reader())
         controller.feed(orders)
         watched: list[tuple[str, Items[Item[Any]]]] = [
             ("detection", detected),
@@ -156,7 +156,7 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
         async for item in controller:
             seen = item.value.seen if isinstance(item.value, Scene) else None
             tick = FIRST_TICK + TICK * item.timestamp
-            driven.commands.append(Command(tick, item.took, seen))
+            driven.commands.append(Command(tick, item.latency, seen))
             if all(name != "control" for name, *_ in driven.life):
                 by = "safe stop" if seen is None else "local"
                 note(vehicle, "control", item, frame, by, driven)
@@ -201,7 +201,7 @@ def note(vehicle: Vehicle, name: str, item: Item[Any], frame: int, by: str, driv
         return
     if lineage.captured is not None:
         answered = (vehicle.loop.time_ns() - lineage.captured) / 1e9
-        driven.life.append((name, answered - item.took, answered, by))
+        driven.life.append((name, answered - item.latency, answered, by))
 
 
 def row(rule: str, driven: Drive, recording: Recording) -> str:
@@ -252,7 +252,7 @@ def compare(
         print(row(rule, drives[rule], recording))
     print()
     for rule, driven in drives.items():
-        slowest = 1000 * max((it.took for it in driven.commands), default=0.0)
+        slowest = 1000 * max((it.latency for it in driven.commands), default=0.0)
         by = ", ".join(f"{name} {number}" for name, number in sorted(driven.detected_by.items()))
         print(
             f"{rule}: {len(driven.commands)} of {driven.ticks} ticks within {slowest:.0f} ms; "

@@ -41,7 +41,7 @@ class Command:
     #: Milliseconds since the drive began.
     tick: int
     #: Seconds since the tick.
-    took: float
+    latency: float
     #: What is behind the plan; none is a safe stop.
     seen: Seen | None
 

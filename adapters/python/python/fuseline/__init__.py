@@ -52,7 +52,7 @@ from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._state import CarriedState
 from fuseline._trace import Line, Trace
-from fuseline._words import (
+from fuseline._validation import (
     Accepted,
     Admission,
     Admitted,

@@ -18,7 +18,7 @@ _log = logging.getLogger("fuseline")
 Form: TypeAlias = "tuple[int | type[bool], ...] | dict[Any, Form] | type"
 
 #: How much of a text is repeated in an error.
-_SAID_LEN = 100
+_SHORT_LEN = 100
 
 
 def form_of(action: Any, where: str = "the action") -> Form:
@@ -64,7 +64,7 @@ def check_form(action: Any, like: Form | None, where: str = "the action") -> Non
     if like is not None:
         _compare(action, form, like, where)
     elif not _has_numbers(form):
-        raise CallError(f"{where} has no numbers: {_said(action)}")
+        raise CallError(f"{where} has no numbers: {_short_repr(action)}")
 
 
 class ArrayKinds:
@@ -79,13 +79,13 @@ class ArrayKinds:
 
     def learn(self, action: Any) -> None:
         """Remembers which kinds of rows an action on board has."""
-        self._on_board = _kinds_of(action)
+        self._on_board = _row_types(action)
 
     def check(self, action: Any) -> None:
         """Logs the first reply that has another kind of rows than the action on board."""
         if self._is_reported:
             return
-        for key, kind in _kinds_of(action).items():
+        for key, kind in _row_types(action).items():
             own = self._on_board.get(key, kind)
             if own != kind:
                 self._is_reported = True
@@ -99,7 +99,7 @@ class ArrayKinds:
                 )
 
 
-def _kinds_of(action: Any) -> dict[Any, str]:
+def _row_types(action: Any) -> dict[Any, str]:
     """Returns the type of each row of numbers, by its key in a dictionary, or by None."""
     parts = action if isinstance(action, Mapping) else {None: action}
     return {
@@ -112,10 +112,10 @@ def _kinds_of(action: Any) -> dict[Any, str]:
 def _compare(action: Any, form: Form, like: Form, where: str) -> None:
     if isinstance(like, dict):
         if not isinstance(form, dict):
-            raise CallError(f"{where} is {_said(action)}; it has {', '.join(map(str, like))}")
+            raise CallError(f"{where} is {_short_repr(action)}; it has {', '.join(map(str, like))}")
         for key, part in like.items():
             if key not in form:
-                raise CallError(f"{where} has no {key!r}: {_said(action)}")
+                raise CallError(f"{where} has no {key!r}: {_short_repr(action)}")
             own = action[key] if isinstance(action, Mapping) else getattr(action, key)
             _compare(own, form[key], part, f"{where}[{key!r}]")
     elif form == like:
@@ -126,7 +126,7 @@ def _compare(action: Any, form: Form, like: Form, where: str) -> None:
         shapes = f"has the shape {_shape(form)}, and on board it has {_shape(like)}"
         raise CallError(f"{where} {shapes}{remedy}")
     else:
-        raise CallError(f"{where} is {_said(action)}, and on board it is {_named(like)}")
+        raise CallError(f"{where} is {_short_repr(action)}, and on board it is {_named(like)}")
 
 
 def _of_array(array: Any, where: str) -> Form:
@@ -134,7 +134,7 @@ def _of_array(array: Any, where: str) -> Form:
     if kind not in "fiubV":
         raise CallError(f"{where} is an array of {array.dtype}; give numbers")
     if kind not in "iub" and not _are_finite(array):
-        raise CallError(f"{where} has numbers that are not finite: {_said(array)}")
+        raise CallError(f"{where} has numbers that are not finite: {_short_repr(array)}")
     return (bool, *array.shape) if kind == "b" else tuple(array.shape)
 
 
@@ -151,7 +151,7 @@ def _of_rows(rows: Any, where: str) -> Form:
     if not forms:
         return (0,)
     if any(form != forms[0] for form in forms):
-        raise CallError(f"{where} has parts that differ: {_said(rows)}")
+        raise CallError(f"{where} has parts that differ: {_short_repr(rows)}")
     first = forms[0]
     if first is bool:
         return (bool, len(forms))
@@ -181,10 +181,10 @@ def _shape(form: tuple[Any, ...]) -> tuple[int, ...]:
     return tuple(it for it in form if it is not bool)
 
 
-def _said(action: Any) -> str:
+def _short_repr(action: Any) -> str:
     try:
-        text = " ".join(repr(action)[: 4 * _SAID_LEN].split())
+        text = " ".join(repr(action)[: 4 * _SHORT_LEN].split())
     except Exception:
         text = ""
-    text = text if len(text) <= _SAID_LEN else text[: _SAID_LEN - 1] + "…"
+    text = text if len(text) <= _SHORT_LEN else text[: _SHORT_LEN - 1] + "…"
     return f"{type(action).__name__} {text}"

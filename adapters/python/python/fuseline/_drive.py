@@ -22,13 +22,13 @@ from fuseline._sources import (
     value_of,
 )
 from fuseline._tracefile import TraceFile
+from fuseline._validation import ns
 from fuseline._wiring import (
     WiringError,
     check_read,
     check_value,
     no_value,
 )
-from fuseline._words import ns
 from fuseline.deadline import Situation
 
 M = TypeVar("M")
@@ -304,7 +304,7 @@ class Driver(Generic[M, V]):
             finally:
                 took = self._read_clock() - begin
                 if took > self._lag_warning:
-                    self.counting.ran(it.cloud.p, took)
+                    self.counting.check_handler_time(it.cloud.p, took)
             yield offer
         self._taken_on = t
 
@@ -353,11 +353,11 @@ class Driver(Generic[M, V]):
         elif is_cancelled:
             raise error
         if isinstance(error, WiringError):
-            self._miswired(p, error)
+            self._report_wiring_error(p, error)
         if not isinstance(error, Exception) and not is_cancelled:
             raise error
 
-    def _miswired(self, p: int, error: WiringError) -> None:
+    def _report_wiring_error(self, p: int, error: WiringError) -> None:
         """Counts a mistake that each call will repeat, and logs it once for each source."""
         self.counting.handler_failed(p)
         if p not in self._miswired_sources:

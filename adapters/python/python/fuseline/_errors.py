@@ -62,7 +62,7 @@ class CallError(Error):
 
 
 #: How many characters of what an exception says are looked at.
-_SAID_LEN = 2000
+_SHORT_LEN = 2000
 
 
 def in_one_line(error: BaseException) -> str:
@@ -72,7 +72,7 @@ def in_one_line(error: BaseException) -> str:
     """
     kind = type(error).__name__
     try:
-        said = " ".join(str(error)[:_SAID_LEN].split())
+        said = " ".join(str(error)[:_SHORT_LEN].split())
     except Exception as raised:
         return f"{kind}, whose text cannot be read ({type(raised).__name__})"
     return as_text(said) or kind

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from fuseline._errors import TimeError, as_text
 from fuseline._fuseline import nanoseconds
-from fuseline._words import OpenRefusal, ns
+from fuseline._validation import OpenRefusal, ns
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -223,7 +223,7 @@ class Item(Generic[V]):
     Instants are nanoseconds of the operator's clock, which starts with the operator.
 
     >>> item = Item(7, 0, 30_000_000, Ending.FORWARDED, "a plan", Source(1, "west"))
-    >>> item.value, str(item.source), item.took
+    >>> item.value, str(item.source), item.latency
     ('a plan', 'west', 0.03)
     """
 
@@ -278,6 +278,6 @@ class Item(Generic[V]):
                 self.age = earlier.age + (self.decided - earlier.decided) / 1e9
 
     @property
-    def took(self) -> float:
+    def latency(self) -> float:
         """Returns the seconds from taking the message in to the decision."""
         return (self.decided - self.opened) / 1e9

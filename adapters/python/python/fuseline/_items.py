@@ -34,7 +34,7 @@ class OutOfOrder:
 
 
 class Items(Generic[T]):
-    """Reads an operator's items, or a join's sets; `another` shares them.
+    """Reads an operator's items, or a join's sets; `new_reader` shares them.
 
     A reader that lags by ``output_len`` holds the others back, and the operator with them. A reader
     that nobody refers to any more holds nobody back.
@@ -45,7 +45,7 @@ class Items(Generic[T]):
     ...     async with Operator(lambda n, t: n * n) as squares:
     ...         squares.feed([1, 2])
     ...         one = Items(squares)
-    ...         other = one.another()
+    ...         other = one.new_reader()
     ...         return [(await one.read()).value, (await other.read()).value]
     >>> asyncio.run(main())
     [1, 1]
@@ -61,7 +61,7 @@ class Items(Generic[T]):
         self._waiting: deque[T] = deque()
         self._shared.add(self)
 
-    def another(self) -> Items[T]:
+    def new_reader(self) -> Items[T]:
         """Returns another reader, for all that comes from now on."""
         reader: Items[T] = object.__new__(Items)
         reader._shared, reader._waiting = self._shared, deque()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 from fuseline import _fuseline
-from fuseline._words import ns
+from fuseline._validation import ns
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -127,7 +127,7 @@ class Verdict:
         conforms = not self.violations and all(it.accepted for it in doubts)
         return replace(self, doubts=doubts, conforms=conforms)
 
-    def _in_short(self) -> str:
+    def _summary(self) -> str:
         if self.violations:
             return "does not conform"
         if not self.conforms:
@@ -136,7 +136,7 @@ class Verdict:
         return f"conforms, accepting {accepted}" if accepted else "conforms"
 
     def __str__(self) -> str:
-        word = self._in_short()
+        word = self._summary()
         lines = [f"{self.file}: {word}; {self.judged} timestamps judged in {self.lines} lines"]
         lines += [f"  likely: {self.cause}"] if self.cause else []
         lines += [f"  {doubt}" for doubt in self.doubts]
@@ -149,7 +149,7 @@ class Verdict:
         """Shows the verdict in a notebook."""
         colour = "#cf222e" if self.violations else "#9a6700" if self.doubts else "#1a7f37"
         head = (
-            f"<p><b style='color:{colour}'>{self._in_short()}</b> &nbsp;"
+            f"<p><b style='color:{colour}'>{self._summary()}</b> &nbsp;"
             f"<code>{escape(self.file)}</code>, "
             f"{self.judged:,} timestamps judged in {self.lines:,} lines</p>"
         )

@@ -37,7 +37,7 @@ class Local(Generic[M, V]):
         deadline: Duration | None,
         waiting: int | None,
         skip_answered: bool,
-        lossy: bool = False,
+        may_lose_results: bool = False,
         replaceable: int = 0,
     ) -> None:
         check_count(at_once, 1, "local computations at once")
@@ -45,7 +45,7 @@ class Local(Generic[M, V]):
             check_count(waiting, 0, "messages that wait for local")
         if deadline is not None and nanoseconds(deadline) == 0:
             raise ConfigError("a deadline of 0 for local; every message would be refused")
-        if lossy and deadline is None:
+        if may_lose_results and deadline is None:
             raise ConfigError(
                 "a local whose results can be lost needs a deadline, to know that it is"
             )
@@ -63,7 +63,7 @@ class Local(Generic[M, V]):
         self.deadline = None if deadline is None else nanoseconds(deadline)
         self.waiting = waiting
         self.skip_answered = skip_answered
-        self.lossy = lossy
+        self.may_lose_results = may_lose_results
 
     @classmethod
     def task(
@@ -74,7 +74,7 @@ class Local(Generic[M, V]):
         deadline: Duration | None = 1.0,
         waiting: int | None = None,
         skip_answered: bool = False,
-        lossy: bool = False,
+        may_lose_results: bool = False,
     ) -> Local[M, V]:
         """Computes with a coroutine function, in tasks of the loop; it must not block.
 
@@ -88,15 +88,15 @@ class Local(Generic[M, V]):
                 holds; for one more, local fails for the oldest, which only clouds can answer (D17).
             skip_answered: Whether a computation that has not begun is skipped once its message is
                 answered.
-            lossy: Whether a result can be lost on its way, as over a topic. If so, a computation
-                that has not ended within the deadline counts as lost, and its place is free again;
-                otherwise it keeps its place until it ends.
+            may_lose_results: Whether a result can be lost on its way, as over a topic. If so, a
+                computation that has not ended within the deadline counts as lost, and its place is
+                free again; otherwise it keeps its place until it ends.
         """
         if not is_async(compute):
             raise ConfigError(
                 "Local.task takes an async function; give a plain one to Local.threads"
             )
-        return cls(compute, None, at_once, deadline, waiting, skip_answered, lossy)
+        return cls(compute, None, at_once, deadline, waiting, skip_answered, may_lose_results)
 
     @classmethod
     def threads(

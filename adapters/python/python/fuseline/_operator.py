@@ -32,6 +32,7 @@ from fuseline._setup import Setup
 from fuseline._snapshot import UNCHANGEABLE, snapshot
 from fuseline._sources import OutputHandlers
 from fuseline._tracefile import hold
+from fuseline._validation import Commit, ns
 from fuseline._wiring import (
     check_clock,
     check_commit,
@@ -44,7 +45,6 @@ from fuseline._wiring import (
     check_timeout,
     check_trace,
 )
-from fuseline._words import Commit, ns
 from fuseline.deadline import Situation, compiled
 
 if TYPE_CHECKING:
@@ -215,7 +215,13 @@ class Operator(Setup[M, V], Generic[M, V]):
                 (it.calls, it.max_age, it.linger, it.policy and compiled(it.policy))
                 for it in self._clouds
             ],
-            (local.at_once, local.waiting, local.skip_answered, local.lossy, local.replaceable),
+            (
+                local.at_once,
+                local.waiting,
+                local.skip_answered,
+                local.may_lose_results,
+                local.replaceable,
+            ),
             self._window,
             self._commit,
             self.name,
@@ -264,8 +270,10 @@ class Operator(Setup[M, V], Generic[M, V]):
                 ) from self._feeds.error
             if self._feeds.error is not None:
                 raise self._feeds.error
-            if self.unrecorded is not None:
-                raise TraceError(f"the trace ends early: {self.unrecorded}") from self.unrecorded
+            if self.recording_error is not None:
+                raise TraceError(
+                    f"the trace ends early: {self.recording_error}"
+                ) from self.recording_error
 
     # Messages.
 
@@ -470,9 +478,9 @@ class Operator(Setup[M, V], Generic[M, V]):
         return {name: CurrentDeadline(ns(deadline), why) for name, deadline, why in in_force}
 
     @property
-    def unrecorded(self) -> OSError | None:
+    def recording_error(self) -> OSError | None:
         """Returns the error that ended the recording early, such as a trace that was removed."""
-        return None if self._driver is None else self._driver.recording.unrecorded
+        return None if self._driver is None else self._driver.recording.recording_error
 
     def _running(self, method: str) -> Driver[M, V]:
         if self._driver is None:

@@ -32,9 +32,9 @@ class Recording:
             _RECORDING.add(self)
 
     @property
-    def unrecorded(self) -> OSError | None:
+    def recording_error(self) -> OSError | None:
         """Returns the error that ended the recording early, if one did."""
-        why = self._engine.counting.unrecorded
+        why = self._engine.counting.recording_error
         if why is not None:
             return OSError(why)
         return self._error or (None if self._trace is None else self._trace.lost())

@@ -12,6 +12,7 @@ from fuseline._item import Call, Item, StampedValue
 from fuseline._side import SideRequest
 from fuseline._sources import OutputHandlers, RegisteredCloud
 from fuseline._state import CarriedState
+from fuseline._validation import Cloud, ns
 from fuseline._wiring import (
     check_count,
     check_function,
@@ -23,7 +24,6 @@ from fuseline._wiring import (
     check_response_handler,
     check_takes,
 )
-from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation, compiled, policy_of
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from fuseline._fuseline import Latency, nanoseconds
 from fuseline._item import Call, Item
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
+from fuseline._validation import Cloud, ns
 from fuseline._wiring import check_awaitable, check_value, is_awaitable
-from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy
 
 if TYPE_CHECKING:

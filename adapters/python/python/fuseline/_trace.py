@@ -131,14 +131,14 @@ class Trace:
         """
         from fuseline._timeline import draw
 
-        went, waits, missed = self._ways()
+        went, waits, missed = self._latencies()
         order = [0, *sorted(cloud["p"] for cloud in self.header["clouds"])]
         named = [
             (self.source(p), order.index(p) if p in order else None, went[p]) for p in sorted(went)
         ]
         return draw(ax, str(self.header.get("operator") or self.file), named, waits, missed)
 
-    def _ways(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
+    def _latencies(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
         """Returns how long each source took, where waits were in vain, and what was missed."""
         opened: dict[int, int] = {}
         requested: dict[tuple[int, int], int] = {}

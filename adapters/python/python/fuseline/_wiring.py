@@ -13,7 +13,7 @@ from typing import Any
 
 from fuseline._errors import ConfigError, as_text
 from fuseline._fuseline import Latency
-from fuseline._words import Commit, ns
+from fuseline._validation import Commit, ns
 from fuseline.deadline import Policy, learners
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import IO, Any
 
 from fuseline._fuseline import Fusion
-from fuseline._words import (
+from fuseline._validation import (
     Accepted,
     Admission,
     Admitted,

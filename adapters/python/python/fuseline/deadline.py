@@ -5,7 +5,7 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 
 >>> guard = Guard(Parameters(deceleration=(7.0, 8.0)))
 >>> expected = Expected(Impact(guard.parameters), local_response=0.3017, probe_every=16)
->>> policy = guard.caps(expected)  # as long as is worth it, and no longer than is safe
+>>> policy = guard.cap(expected)  # as long as is worth it, and no longer than is safe
 >>> policy.decide(Situation(speed=(17.5, 18.0)), cap=2.0).reason  # the first measures the cloud
 Reason.PROBE
 
@@ -27,7 +27,7 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 from fuseline import _fuseline
 from fuseline._judge import Duration
-from fuseline._words import ns
+from fuseline._validation import ns
 
 #: A number, or, if it is not known exactly, the least and the greatest that it may be.
 Figure: TypeAlias = float | tuple[float, float]
@@ -271,7 +271,7 @@ class Step(NamedTuple):
 
 
 class _Capping:
-    def caps(self, policy: Policy) -> Policy:
+    def cap(self, policy: Policy) -> Policy:
         """Returns a policy with this policy's deadline as the cap of another's."""
         return Capped(self, policy)  # type: ignore[arg-type]
 
@@ -499,7 +499,7 @@ class Observations:
 
 
 class Capped(_Capping):
-    """Chooses a policy's deadline under the cap of another; made by ``caps``."""
+    """Chooses a policy's deadline under the cap of another; made by ``cap``."""
 
     def __init__(self, cap: Policy, policy: Policy) -> None:
         self._cap, self._policy = cap, policy

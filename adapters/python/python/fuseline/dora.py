@@ -169,7 +169,10 @@ class FusionNode:
         #: What was not taken: results of no request that waits, inputs for which there was no room.
         self.dropped: Counter[str] = Counter()
         local = Local.task(
-            self._sources["local"].compute, at_once=calls, deadline=local_deadline, lossy=True
+            self._sources["local"].compute,
+            at_once=calls,
+            deadline=local_deadline,
+            may_lose_results=True,
         )
         times: dict[str, Any] = {} if clock is None else {"clock": clock}
         self.operator: Operator[dict[str, Any], Any] = Operator(

@@ -26,8 +26,8 @@ from urllib.parse import urlsplit
 
 from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call, Lineage, StampedValue
+from fuseline._validation import ns
 from fuseline._wiring import check_handle, check_read
-from fuseline._words import ns
 
 try:
     import grpc

@@ -12,7 +12,7 @@ a test in `fuseline.testing`'s virtual time drives for hours in milliseconds.
 ...     operator.use_cloud(network.handle(detect), lambda frame, t: (frame, 0.5), str, 1)
 ...     async with operator:
 ...         operator.feed(["frame"])
-...         return [(item.value, round(item.took, 3)) async for item in operator]
+...         return [(item.value, round(item.latency, 3)) async for item in operator]
 >>> testing.run(main)
 [('frame by the cloud', 0.117)]
 

@@ -31,8 +31,8 @@ from fuseline._recording import GRACE
 from fuseline._remote import RemotePolicy, RemoteThread, check_connects
 from fuseline._servers import lerobot, openpi
 from fuseline._snapshot import snapshot
+from fuseline._validation import ns
 from fuseline._wiring import check_function, check_takes, check_value
-from fuseline._words import ns
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration

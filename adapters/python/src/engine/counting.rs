@@ -54,8 +54,8 @@ impl PyCounting {
     }
 
     /// A handler of a source, or without one another of the operator's, ran for so many nanoseconds without a pause.
-    fn ran(&self, p: Option<u16>, lasted: u64) {
-        self.counting.ran(p, Duration::from_nanos(lasted));
+    fn check_handler_time(&self, p: Option<u16>, lasted: u64) {
+        self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }
 
     /// The longest that the loop was held up, in nanoseconds; 0 if it never was for longer than the warning allows.
@@ -66,8 +66,8 @@ impl PyCounting {
 
     /// Why the recording ended early, if it did.
     #[getter]
-    fn unrecorded(&self) -> Option<String> {
-        self.counting.tally().unrecorded.as_deref().map(str::to_owned)
+    fn recording_error(&self) -> Option<String> {
+        self.counting.tally().recording_error.as_deref().map(str::to_owned)
     }
 }
 

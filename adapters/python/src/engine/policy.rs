@@ -14,11 +14,11 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBool, PyFloat, PyInt, PyList, PyTuple};
 
+use crate::answer_classes::AnswerClasses;
 use crate::engine::PendingException;
 use crate::logging;
 use crate::policy::{PyExpected, PyGuard, SharedExpected};
 use crate::time::{Nanos, Number};
-use crate::words::AnswerClasses;
 
 static CLASSES: PyOnceLock<PolicyClasses> = PyOnceLock::new();
 
@@ -66,7 +66,7 @@ impl EnginePolicy {
         if let Ok(pair) = policy.cast_exact::<PyTuple>() {
             let (cap, policy): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
             let (cap, policy) = (Self::new(&cap, interrupt)?, Self::new(&policy, interrupt)?);
-            return Ok(Self::Capped(Box::new(cap.caps(policy))));
+            return Ok(Self::Capped(Box::new(cap.cap(policy))));
         }
         let traits = Traits::of(policy)?;
         Ok(Self::Python(Arc::new(policy.clone().unbind()), interrupt.clone(), traits))
@@ -202,8 +202,8 @@ fn situation_of(py: Python<'_>, situation: &Situation<'_>) -> PyResult<Py<PyAny>
     } else {
         (least, greatest).into_pyobject(py)?.into_any()
     };
-    let words = AnswerClasses::get(py)?;
-    let ages = situation.under_way.iter().map(|age| words.ns(py, nanos(*age)));
+    let classes = AnswerClasses::get(py)?;
+    let ages = situation.under_way.iter().map(|age| classes.ns(py, nanos(*age)));
     let ages = PyList::new(py, ages.collect::<PyResult<Vec<_>>>()?)?;
     let reveal = situation.reveal.map(|reveal| reveal.0);
     PolicyClasses::get(py)?.situation.call1(py, (speed, reveal, ages))

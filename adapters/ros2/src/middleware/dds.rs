@@ -59,7 +59,7 @@ pub(crate) struct SerializedPublisher {
 type SharedWriter = Arc<DataWriter<Payload, Cdr>>;
 
 /// A subscription, whichever participant its samples come to.
-struct Inlet<T> {
+struct SampleHandler<T> {
     take: T,
     recent: Mutex<RecentIds<(GUID, i64)>>,
 }
@@ -73,7 +73,7 @@ struct Stamper(AtomicU64);
 
 impl DomainHandle {
     /// Publishes on a topic.
-    pub(crate) fn outlet(
+    pub(crate) fn publisher(
         &self,
         topic: &str,
         ty: &str,
@@ -86,7 +86,7 @@ impl DomainHandle {
         };
         let qos = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
         let (end, writer) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(InUse::default()));
-        let outlet = SerializedPublisher {
+        let publisher = SerializedPublisher {
             writer: Arc::clone(&writer),
             stamper: Stamper::default(),
             end: Arc::clone(&end),
@@ -122,11 +122,11 @@ impl DomainHandle {
                 }
             }))
         })?;
-        Ok(outlet)
+        Ok(publisher)
     }
 
     /// Subscribes to a topic; `take` gets each message, in its publisher's order.
-    pub(crate) fn inlet<F>(
+    pub(crate) fn subscribe<F>(
         &self,
         topic: &str,
         ty: &str,
@@ -138,14 +138,15 @@ impl DomainHandle {
     {
         let recent = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
         let qos = policies(qos).build();
-        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, recent }));
+        let (end, handler) =
+            (Arc::new(Endpoint::new(topic, ty)), Arc::new(SampleHandler { take, recent }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
         self.create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let subscriber = &joined.subscriber;
             let reader = subscriber.create_simple_datareader_no_key(&dds, Some(qos.clone()))?;
             let next_end = Arc::new(current_end.in_new_participant());
-            let serving = Arc::clone(&inlet).serve(
+            let serving = Arc::clone(&handler).serve(
                 reader,
                 Arc::clone(&next_end),
                 joined.participant.clone(),
@@ -164,7 +165,7 @@ impl JoinedParticipant {
     }
 }
 
-impl<T, F> Inlet<T>
+impl<T, F> SampleHandler<T>
 where
     T: Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     F: Future<Output = ()> + Send + 'static,

@@ -135,7 +135,7 @@ impl ZenohSession {
     }
 
     /// Publishes on a topic.
-    pub(crate) fn outlet(
+    pub(crate) fn publisher(
         &mut self,
         topic: &str,
         ty: &str,
@@ -180,7 +180,7 @@ impl ZenohSession {
     }
 
     /// Subscribes to a topic; `take` gets each message, in its publisher's order.
-    pub(crate) fn inlet<F>(
+    pub(crate) fn subscribe<F>(
         &mut self,
         topic: &str,
         ty: &str,

@@ -95,7 +95,7 @@ impl DeadlineSettings {
             }
             PolicyKind::Guarded => {
                 let guard = Guard::new(self.parameters)?;
-                Some(Box::new(guard.caps(Expected::<_>::new(Impact::from(&guard), local, every)?)))
+                Some(Box::new(guard.cap(Expected::<_>::new(Impact::from(&guard), local, every)?)))
             }
         })
     }

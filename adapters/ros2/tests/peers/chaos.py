@@ -115,7 +115,7 @@ class Field:
 
     def breaks(self, harm):
         """For a while; then the cloud's results are back within so many seconds."""
-        strike, mend, is_silent = HARMS[harm]
+        strike, repair, is_silent = HARMS[harm]
         listener, end = self.listener, time.monotonic() + LASTS_S.get(harm, 2.0)
         strike(self)
         if is_silent:
@@ -129,7 +129,7 @@ class Field:
         meanwhile = self.sources(since)
         if reason := REASONS.get(harm):
             until(lambda: reason in str(listener.health("west")), lambda: f"{reason}: {listener.health('west')}")
-        mend(self)
+        repair(self)
         back = time.monotonic()
         until(lambda: self.sources(-20) == ["west"] * 20, f"west's results after {harm}", cap=20)
         took = time.monotonic() - back

@@ -209,7 +209,10 @@ impl<V> InlineCalls<V> {
         let end = *ended.insert(clock.now());
         let (priority, timestamp) = *key;
         if polled.is_ok() {
-            self.counting.ran(Some(priority), Duration::from_nanos(end.saturating_sub(begin)));
+            self.counting.check_handler_time(
+                Some(priority),
+                Duration::from_nanos(end.saturating_sub(begin)),
+            );
         }
         let result = match polled {
             Ok(Poll::Pending) => return None,

@@ -23,7 +23,7 @@ impl<V> Future for MeasuredCall<V> {
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         let begin = Instant::now();
         let polled = self.call.as_mut().poll(context);
-        self.counting.ran(Some(self.priority), begin.elapsed());
+        self.counting.check_handler_time(Some(self.priority), begin.elapsed());
         polled
     }
 }

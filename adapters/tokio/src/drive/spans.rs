@@ -47,7 +47,7 @@ impl MessageSpans {
             fuseline.within = lineage.and_then(|lineage| lineage.within).map(nanos),
             fuseline.origin = origin.map(|origin| &*origin.stream),
             fuseline.seq = origin.and_then(|origin| origin.seq).map(int),
-            fuseline.took = Empty,
+            fuseline.latency = Empty,
             fuseline.by = Empty,
             fuseline.of = Empty,
             fuseline.for = Empty,
@@ -114,7 +114,7 @@ impl MessageSpans {
         let Some(span) = self.open.remove(&item.timestamp) else { return };
         self.abort((0, item.timestamp));
         // A span ends with the last one below it, and local may compute on.
-        span.record("fuseline.took", nanos(item.took()));
+        span.record("fuseline.latency", nanos(item.latency()));
         match &item.ending {
             Ending::Forwarded(Forwarded { source, of, meant_for, .. }) => {
                 span.record("fuseline.by", i64::from(source.priority));

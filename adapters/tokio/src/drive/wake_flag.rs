@@ -26,7 +26,7 @@ pub(super) struct DriverWaker {
 }
 
 /// Sets one party's flag and wakes the driver.
-struct PartyWaker {
+struct SourceWaker {
     driver: Arc<DriverWaker>,
     party: usize,
 }
@@ -37,7 +37,7 @@ impl WakeFlags {
         let driver = Arc::new(DriverWaker::default());
         let wakers = std::array::from_fn(|party| {
             driver.set(party);
-            Waker::from(Arc::new(PartyWaker { driver: Arc::clone(&driver), party }))
+            Waker::from(Arc::new(SourceWaker { driver: Arc::clone(&driver), party }))
         });
         Self { driver, wakers }
     }
@@ -104,7 +104,7 @@ impl DriverWaker {
     }
 }
 
-impl Wake for PartyWaker {
+impl Wake for SourceWaker {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }

@@ -243,7 +243,7 @@ impl Play<'_> {
             ..Config::default()
         };
         let (_, items) = spawn(runner, config, input).expect("a configuration that holds");
-        let (mut noted, answers, id) = (items.another(), self.answers.clone(), stage.id);
+        let (mut noted, answers, id) = (items.new_reader(), self.answers.clone(), stage.id);
         self.readers.push(tokio::spawn(async move {
             while let Some(item) = noted.read().await {
                 note(&answers, id, &item);
@@ -281,7 +281,7 @@ impl Play<'_> {
         let films: Vec<_> = (0..sensors.len()).map(|sensor| self.film(sensor)).collect();
         let mut ends = Vec::new();
         for (sensor, stages) in branches {
-            let film = films[*sensor].another();
+            let film = films[*sensor].new_reader();
             ends.push(
                 self.chain(stages, &behind, |play, stage, after| play.start(stage, after, film)),
             );

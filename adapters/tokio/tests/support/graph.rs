@@ -196,7 +196,7 @@ impl DrawnGraph {
         for sensor in 0..sensors {
             let reader = self.film(sensor);
             if is_diamond {
-                branches.push(self.branch(reader.another()));
+                branches.push(self.branch(reader.new_reader()));
             }
             branches.push(self.branch(reader));
         }

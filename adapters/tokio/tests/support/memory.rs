@@ -27,7 +27,7 @@ type IncomingStream = io::Result<(DuplexStream, SocketAddr)>;
 
 /// A server that computes for as long as a request says, and replies with as many bytes.
 pub(crate) struct MemoryServer {
-    door: mpsc::UnboundedSender<IncomingStream>,
+    entry: mpsc::UnboundedSender<IncomingStream>,
     stop: oneshot::Sender<()>,
     task: JoinHandle<Result<(), ServeError>>,
     computing: Arc<AtomicUsize>,
@@ -46,7 +46,7 @@ impl Drop for Computing {
 
 impl MemoryServer {
     pub(crate) fn start(server: Server) -> Self {
-        let (door, arrivals) = mpsc::unbounded_channel();
+        let (entry, arrivals) = mpsc::unbounded_channel();
         let (stop, stopped) = oneshot::channel();
         let computing = Arc::new(AtomicUsize::new(0));
         let counter = Arc::clone(&computing);
@@ -72,20 +72,20 @@ impl MemoryServer {
             let _ = stopped.await;
         };
         let task = tokio::spawn(serve_with_incoming(infer, server, incoming, until));
-        Self { door, stop, task, computing, failures }
+        Self { entry, stop, task, computing, failures }
     }
 
     /// The client's end of a new connection.
     pub(crate) fn connect(&self, from: IpAddr) -> DuplexStream {
         let (ours, theirs) = tokio::io::duplex(WIRE);
-        self.door.send(Ok((theirs, (from, 4711).into()))).unwrap();
+        self.entry.send(Ok((theirs, (from, 4711).into()))).unwrap();
         ours
     }
 
     /// Accepting fails, as when no descriptor is free.
     pub(crate) fn fail_to_accept(&self) {
         self.failures.fetch_add(1, Ordering::Relaxed);
-        self.door.send(Err(io::Error::from_raw_os_error(24))).unwrap();
+        self.entry.send(Err(io::Error::from_raw_os_error(24))).unwrap();
     }
 
     /// Until whoever comes is let in at once.

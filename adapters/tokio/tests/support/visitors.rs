@@ -1,7 +1,7 @@
-//! A server in virtual time with innocent clients and strangers, drawn by seed.
+//! A server in virtual time with well-behaved and hostile clients, drawn by seed.
 //!
-//! For hours each innocent is served at once and never closed or named in the log, whatever strangers do. Each stranger is
-//! closed at its bound. When the strangers are gone, all places, bytes, tasks and counts are as before.
+//! For hours each well-behaved client is served at once and never closed or named in the log, whatever hostile ones do. Each hostile client is
+//! closed at its bound. When the hostile clients are gone, all places, bytes, tasks and counts are as before.
 
 use std::cell::Cell;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
@@ -15,24 +15,24 @@ use tokio::runtime::Handle;
 use tokio::task::LocalSet;
 use tokio::time::{Instant, sleep};
 
-use super::innocents::stay;
+use super::hostile_clients::{HostileKind, come};
 use super::memory::{CallPlan, CapturedLog, MemoryServer, Visitor};
-use super::rude::{StrangerKind, come};
+use super::well_behaved_clients::stay;
 
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 
 /// What a reply of 4 MiB has beside its payload: gRPC's five bytes, a tag, and the length.
 const REPLY_FRAMING: usize = 5 + 1 + 4;
 
-const INNOCENTS: u8 = 6;
-const STRANGERS: u8 = 24;
+const WELL_BEHAVED: u8 = 6;
+const HOSTILE: u8 = 24;
 
-/// What innocents and strangers share.
+/// What well-behaved and hostile clients share.
 pub(crate) struct VisitedServer {
     pub(crate) server: MemoryServer,
     pub(crate) bounds: Bounds,
     pub(crate) token: Option<&'static str>,
-    /// Until when innocents make calls.
+    /// Until when well-behaved clients make calls.
     pub(crate) until: Instant,
     /// How many have not done what they came for.
     pub(crate) busy: Cell<usize>,
@@ -63,7 +63,7 @@ impl VisitedServer {
         };
         let until = Instant::now() + Duration::from_secs(rng.u64(3600..3 * 3600));
         let family = rng.u8(0..3);
-        let busy = Cell::new(usize::from(INNOCENTS + STRANGERS));
+        let busy = Cell::new(usize::from(WELL_BEHAVED + HOSTILE));
         Self { server: MemoryServer::start(server), bounds, token, until, busy, family }
     }
 
@@ -98,27 +98,27 @@ async fn wrongs(seed: u64) -> Vec<String> {
     let _guard = log.begin();
     let (tasks_at_first, mut wrong) = (tasks(), Vec::new());
     let here = Rc::new(VisitedServer::draw(&mut rng));
-    let mut innocents = Vec::new();
-    for number in 0..INNOCENTS {
+    let mut well_behaved = Vec::new();
+    for number in 0..WELL_BEHAVED {
         let visitor = here.server.visit(here.address(0, number)).await;
         if !here.answers(&visitor).await {
-            wrong.push(format!("innocent {number} is not let in"));
+            wrong.push(format!("client {number} is not let in"));
         }
-        innocents.push(Rc::new(visitor));
+        well_behaved.push(Rc::new(visitor));
     }
     let tasks_before = tasks();
     let mut running = Vec::new();
-    for (number, visitor) in innocents.iter().enumerate() {
+    for (number, visitor) in well_behaved.iter().enumerate() {
         let (here, rng) = (Rc::clone(&here), Rng::with_seed(rng.next_u64()));
         let visitor = Rc::clone(visitor);
         running.push(tokio::task::spawn_local(async move {
-            stay(&here, &visitor, rng).await.map(|why| format!("innocent {number}: {why}"))
+            stay(&here, &visitor, rng).await.map(|why| format!("client {number}: {why}"))
         }));
     }
     let mut crowds = 0;
-    for number in 0..STRANGERS {
-        let kind = StrangerKind::draw(&mut rng, here.token.is_some());
-        crowds += usize::from(kind == StrangerKind::Crowd);
+    for number in 0..HOSTILE {
+        let kind = HostileKind::draw(&mut rng, here.token.is_some());
+        crowds += usize::from(kind == HostileKind::Crowd);
         let (here, mut rng) = (Rc::clone(&here), Rng::with_seed(rng.next_u64()));
         running.push(tokio::task::spawn_local(async move {
             sleep(Duration::from_millis(rng.u64(0..3_000_000))).await;
@@ -131,8 +131,8 @@ async fn wrongs(seed: u64) -> Vec<String> {
     for ended in join_all(running).await {
         wrong.extend(ended.unwrap());
     }
-    wrong.extend(recovered(&here, &innocents, tasks_before, crowds, &log).await);
-    wrong.extend(ended_well(here, innocents).await);
+    wrong.extend(recovered(&here, &well_behaved, tasks_before, crowds, &log).await);
+    wrong.extend(ended_well(here, well_behaved).await);
     if tasks() != tasks_at_first {
         wrong.push(format!("{} tasks are left", tasks() - tasks_at_first));
     }
@@ -146,10 +146,10 @@ fn tasks() -> usize {
     Handle::current().metrics().num_alive_tasks()
 }
 
-/// What is not as it was before the strangers came.
+/// What is not as it was before the hostile clients came.
 async fn recovered(
     here: &VisitedServer,
-    innocents: &[Rc<Visitor>],
+    well_behaved: &[Rc<Visitor>],
     tasks_before: usize,
     crowds: usize,
     log: &CapturedLog,
@@ -157,16 +157,19 @@ async fn recovered(
     let mut wrong = Vec::new();
     let mut expect = |holds: bool, what: &str| {
         if !holds {
-            wrong.push(format!("after the strangers: {what}"));
+            wrong.push(format!("after the hostile clients: {what}"));
         }
     };
     // The last that vanished may not be missed yet.
     sleep(SECOND).await;
-    expect(innocents.iter().all(|visitor| visitor.is_open()), "an innocent's connection is closed");
+    expect(
+        well_behaved.iter().all(|visitor| visitor.is_open()),
+        "a well-behaved client's connection is closed",
+    );
     expect(tasks() == tasks_before, &format!("{} tasks, {tasks_before} before", tasks()));
     expect(here.server.computing() == 0, "a computation goes on");
     let each = here.bounds.connections_each;
-    for number in 0..STRANGERS {
+    for number in 0..HOSTILE {
         let from = here.address(9, number);
         let mut connections = Vec::new();
         for _ in 0..each {
@@ -188,11 +191,11 @@ async fn recovered(
             connections.push(connection);
         }
     }
-    let places = here.bounds.connections - innocents.len();
+    let places = here.bounds.connections - well_behaved.len();
     expect(connections.len() == places, &format!("{} of {places} places", connections.len()));
     drop(connections);
     // All bytes there are, and one more, in a request and in a reply.
-    let Some(visitor) = innocents.first() else { return wrong };
+    let Some(visitor) = well_behaved.first() else { return wrong };
     for (what, excess, status) in [("all bytes", 0, 0), ("a byte too many", 1, 8)] {
         let mut plan = CallPlan { reply: 0, ..here.plain() };
         plan.payload = here.bounds.held_bytes;
@@ -216,18 +219,18 @@ async fn recovered(
         connections.iter().filter(|connection| connection.is_open()).count() == each,
         "one was to be closed",
     );
-    let crowded = crowds * super::rude::BEYOND + usize::from(STRANGERS) + 1;
+    let crowded = crowds * super::hostile_clients::BEYOND + usize::from(HOSTILE) + 1;
     let logged = logged(&log.text(), "its address has as many connections as it may");
     expect(logged == crowded, &format!("{crowded} were too many, the log says {logged}"));
     drop(connections);
-    let blamed = (0..INNOCENTS).map(|number| here.address(0, number));
+    let blamed = (0..WELL_BEHAVED).map(|number| here.address(0, number));
     let blamed = blamed.filter(|from| {
         let peer = format!("peer={}", std::net::SocketAddr::from((*from, 4711)));
         // Of these calls: the byte too many above.
         let lines = log.text().lines().filter(|line| line.contains(&peer)).count();
         lines > 2 * usize::from(*from == here.address(0, 0))
     });
-    expect(blamed.count() == 0, "an innocent is blamed");
+    expect(blamed.count() == 0, "a well-behaved client is blamed");
     wrong
 }
 
@@ -237,11 +240,11 @@ fn logged(log: &str, why: &str) -> usize {
     lines.map(|line| 1 + line.rsplit_once("others=").unwrap().1.parse::<usize>().unwrap()).sum()
 }
 
-/// What is wrong with the server's end while each innocent has a call under way.
-async fn ended_well(here: Rc<VisitedServer>, innocents: Vec<Rc<Visitor>>) -> Vec<String> {
+/// What is wrong with the server's end while each well-behaved client has a call under way.
+async fn ended_well(here: Rc<VisitedServer>, well_behaved: Vec<Rc<Visitor>>) -> Vec<String> {
     let compute = here.bounds.idle + SECOND;
     let plan = CallPlan { compute, ..here.plain() };
-    let calls: Vec<_> = innocents
+    let calls: Vec<_> = well_behaved
         .into_iter()
         .map(|visitor| {
             let plan = plan.clone();

@@ -43,10 +43,10 @@ async fn wrongs() -> Vec<String> {
         Bounds { greeting: 40 * DAY, stall: 366 * DAY, idle: 900 * DAY, ..Bounds::default() };
     let server = MemoryServer::start(Server { bounds, ..Server::default() });
     let start = Instant::now();
-    let innocent = server.visit(address(0)).await;
+    let client = server.visit(address(0)).await;
     let is_served = async || {
         let since = Instant::now();
-        let answer = innocent.call(&CallPlan { reply: 9, ..CallPlan::default() }).await;
+        let answer = client.call(&CallPlan { reply: 9, ..CallPlan::default() }).await;
         answer.is_ok_and(|end| end.status == 0) && since.elapsed() < SECOND / 10
     };
     assert!(is_served().await);
@@ -69,7 +69,7 @@ async fn wrongs() -> Vec<String> {
             }
         }
         if !is_served().await {
-            wrong.push(format!("the innocent at {due:?}"));
+            wrong.push(format!("the well-behaved client at {due:?}"));
         }
     }
     if log.text().lines().count() != 4 || log.text().contains(&address(0).to_string()) {

@@ -13,7 +13,7 @@ use crate::probe::recording::ProbeRecording;
 use fuseline_evaluation::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 
 /// What the page says first.
-const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless stated otherwise, and \
+const CAPTION: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless stated otherwise, and \
     a reply of 1 KB came back. With more than 30 unanswered the sending paused until none was. The paper's figures \
     are those of its 5G drive through San Francisco.";
 
@@ -39,7 +39,7 @@ pub(crate) fn plot(
     let files = names(&plots);
     let shown = PageContent {
         title: "Network probe",
-        words: &[WORDS],
+        words: &[CAPTION],
         plots,
         reported: reported.unwrap_or(&about),
     };

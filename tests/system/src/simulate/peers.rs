@@ -84,7 +84,7 @@ impl Operator for Script {
         }
         if let Some(panics) = simulation.scenario.hints {
             let simulation = Arc::clone(&simulation);
-            setup.use_hints(move |hint| {
+            setup.on_late_result(move |hint| {
                 simulation.record_hint(&hint);
                 if panics {
                     panic("the handler of hints panics");
@@ -98,7 +98,7 @@ impl Operator for Script {
                 CallInProgress::begin(&simulation, (0, t, frame.serial), None, act.result);
             if act.result == CallResult::PanicsAtOnce {
                 call_in_progress.end(CallStop::Failed);
-                panic(&words(call_in_progress.reported));
+                panic(&failure_text(call_in_progress.reported));
             }
             async move {
                 let value = travel(call_in_progress, act).await.and_then(CallInProgress::respond);
@@ -178,7 +178,7 @@ async fn travel(
 ) -> Result<CallInProgress, Error> {
     if act.result == CallResult::PanicsAtOnce {
         call_in_progress.end(CallStop::Failed);
-        panic(&words(call_in_progress.reported));
+        panic(&failure_text(call_in_progress.reported));
     }
     let is_remote = call_in_progress.reported.p > 0;
     let simulation = Arc::clone(&call_in_progress.simulation);
@@ -187,18 +187,18 @@ async fn travel(
         // The source is not reached, so it takes no action of its own.
         call_in_progress.result = CallResult::Fails;
         call_in_progress.end(CallStop::Failed);
-        return Err(words(call_in_progress.reported).into());
+        return Err(failure_text(call_in_progress.reported).into());
     }
     wait(act).await;
     match act.result {
         CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
         CallResult::Fails => {
             call_in_progress.end(CallStop::Failed);
-            Err(words(call_in_progress.reported).into())
+            Err(failure_text(call_in_progress.reported).into())
         }
         CallResult::Panics | CallResult::PanicsAtOnce => {
             call_in_progress.end(CallStop::Failed);
-            panic(&words(call_in_progress.reported))
+            panic(&failure_text(call_in_progress.reported))
         }
         CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
             if is_remote && !simulation.pass(LinkDirection::Downlink).await {
@@ -257,11 +257,11 @@ impl CallInProgress {
         match self.result {
             CallResult::PanickingResponse => {
                 self.end(CallStop::Failed);
-                panic(&words(self.reported))
+                panic(&failure_text(self.reported))
             }
             CallResult::BadResponse => {
                 self.end(CallStop::Failed);
-                Err(words(self.reported).into())
+                Err(failure_text(self.reported).into())
             }
             _ => {
                 self.end(CallStop::Answered);
@@ -355,7 +355,7 @@ async fn listen(simulation: Arc<SimulationState>, index: usize, mut items: Items
         if index == 0 {
             for (other, joining) in simulation.scenario.readers.iter().enumerate().skip(1) {
                 if joining.joins_after == count {
-                    tokio::spawn(audience(Arc::clone(&simulation), other, items.another()));
+                    tokio::spawn(audience(Arc::clone(&simulation), other, items.new_reader()));
                 }
             }
         }
@@ -392,7 +392,7 @@ pub(crate) fn name(p: u16) -> String {
 }
 
 /// Returns the reason why a source fails, which names the source and its message.
-pub(crate) fn words(reported: ValueLabel) -> String {
+pub(crate) fn failure_text(reported: ValueLabel) -> String {
     format!("{} fails {} as message {}", reported.p, reported.t, reported.serial)
 }
 

@@ -5,14 +5,14 @@ use std::io;
 
 use tokio::runtime::Builder;
 
-#[path = "../../../../adapters/tokio/tests/support/innocents.rs"]
-mod innocents;
+#[path = "../../../../adapters/tokio/tests/support/hostile_clients.rs"]
+mod hostile_clients;
 #[path = "../../../../adapters/tokio/tests/support/memory.rs"]
 mod memory;
-#[path = "../../../../adapters/tokio/tests/support/rude.rs"]
-mod rude;
 #[path = "../../../../adapters/tokio/tests/support/visitors.rs"]
 mod visitors;
+#[path = "../../../../adapters/tokio/tests/support/well_behaved_clients.rs"]
+mod well_behaved_clients;
 
 /// Returns what is wrong with the server that this seed draws, in virtual time.
 ///

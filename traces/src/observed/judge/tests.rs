@@ -26,7 +26,7 @@ fn keeps_only_the_range_of_done_timestamps() {
         for event in [opened(at, t), came(at, t), emit] {
             judge.line(t, &event).expect("it is in order");
         }
-        assert!(judge.open.len() <= 4 && judge.ripening.len() <= 4, "{}", judge.open.len());
+        assert!(judge.open.len() <= 4 && judge.closing.len() <= 4, "{}", judge.open.len());
     }
     assert_eq!(judge.ended.len(), 1);
     assert_eq!(judge.finish().judged, 20_000);
@@ -43,7 +43,7 @@ fn keeps_only_the_range_without_finals() {
         for event in [opened(at, t), came(at, t), emit] {
             judge.line(t, &event).expect("it is in order");
         }
-        assert!(judge.open.len() <= 5 && judge.ripening.len() <= 5, "{}", judge.open.len());
+        assert!(judge.open.len() <= 5 && judge.closing.len() <= 5, "{}", judge.open.len());
     }
     assert_eq!(judge.finish().judged, 20_000);
 }

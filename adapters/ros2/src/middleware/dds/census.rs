@@ -29,7 +29,7 @@ const OWN_MOST: usize = 64;
 
 /// Counts the publishers of a participant's topics that are not this process's own, in a thread of its own.
 pub(crate) struct Census {
-    outlets: Arc<Mutex<Vec<Arc<Endpoint>>>>,
+    publishers: Arc<Mutex<Vec<Arc<Endpoint>>>>,
     stop: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -42,9 +42,9 @@ impl Census {
             own.pop_front();
         }
         drop(own);
-        let outlets = Arc::<Mutex<Vec<Arc<Endpoint>>>>::default();
+        let publishers = Arc::<Mutex<Vec<Arc<Endpoint>>>>::default();
         let (stop, stopped) = mpsc::channel();
-        let counted = Arc::clone(&outlets);
+        let counted = Arc::clone(&publishers);
         let count = move || {
             while stopped.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
                 // The thread of discovery gets this, if it is there.
@@ -60,12 +60,12 @@ impl Census {
         let thread = thread::Builder::new().name("census".into()).spawn(count);
         let thread = thread
             .inspect_err(|error| warn!(%error, "other publishers of its topics are not reported"));
-        Self { outlets, stop: Some(stop), thread: thread.ok() }
+        Self { publishers, stop: Some(stop), thread: thread.ok() }
     }
 
     /// Counts the other publishers of this end's topic from now on.
-    pub(super) fn add(&self, outlet: Arc<Endpoint>) {
-        lock(&self.outlets).push(outlet);
+    pub(super) fn add(&self, publisher: Arc<Endpoint>) {
+        lock(&self.publishers).push(publisher);
     }
 }
 

@@ -151,13 +151,13 @@ mod tests {
         let topic = format!("/numbers_of_{}", std::process::id());
         let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
         let (sender, mut received) = mpsc::unbounded_channel();
-        let end = receiving.handle().inlet(&topic, TYPE, RELIABLE, move |sample| {
+        let end = receiving.handle().subscribe(&topic, TYPE, RELIABLE, move |sample| {
             sender.send(sample.unwrap()).unwrap();
             ready(())
         });
-        let (end, outlet) =
-            (end.unwrap(), sending.handle().outlet(&topic, TYPE, RELIABLE).unwrap());
-        while end.matched() == 0 || outlet.matched() == 0 {
+        let (end, publisher) =
+            (end.unwrap(), sending.handle().publisher(&topic, TYPE, RELIABLE).unwrap());
+        while end.matched() == 0 || publisher.matched() == 0 {
             sleep(MATCH_PERIOD).await;
         }
         // What comes right after discovery may be before the writer's first heartbeat.
@@ -172,7 +172,7 @@ mod tests {
         let mut sent = 0;
         let mut is_rejoining = true;
         while is_rejoining {
-            assert!(outlet.publish(number(sent)), "the number {sent} is not sent");
+            assert!(publisher.publish(number(sent)), "the number {sent} is not sent");
             sent += 1;
             tokio::select! {
                 () = &mut rejoins => is_rejoining = false,
@@ -186,7 +186,7 @@ mod tests {
         payloads.sort_unstable();
         let expected: Vec<_> = (0..sent).map(|sent| number(sent).body).collect();
         assert_eq!(payloads, expected);
-        assert_eq!((end.matched(), outlet.matched()), (1, 1));
+        assert_eq!((end.matched(), publisher.matched()), (1, 1));
         sending.leave().await;
         receiving.leave().await;
     }

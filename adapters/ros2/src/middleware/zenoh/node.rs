@@ -29,10 +29,10 @@ impl ZenohSession {
         M: Serialize + Send + Sync + 'static,
     {
         let ty = format!("{}/msg/{}", ty.package, ty.name);
-        let outlet = self.outlet(topic, &ty, qos)?;
+        let publisher = self.publisher(topic, &ty, qos)?;
         Ok(Box::new(move |message| {
-            if !Payload::of(&message).is_some_and(|payload| outlet.publish(payload)) {
-                debug!(topic = outlet.end().topic, "not sent");
+            if !Payload::of(&message).is_some_and(|payload| publisher.publish(payload)) {
+                debug!(topic = publisher.end().topic, "not sent");
             }
         }))
     }

@@ -66,7 +66,7 @@ impl ConnectionWatch {
     }
 
     /// So many bytes of a reply lie ready; returns its number.
-    pub(crate) fn owe(&self, bytes: usize) -> u64 {
+    pub(crate) fn reply_ready(&self, bytes: usize) -> u64 {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.replies += 1;
         let reply = activity.replies;

@@ -142,7 +142,7 @@ impl UnsentBytes {
             let why = "the server holds as many bytes as it may";
             return Err(watch.refused(Status::resource_exhausted(why)));
         }
-        let reply = watch.owe(bytes.len());
+        let reply = watch.reply_ready(bytes.len());
         Ok(Self { bytes, reply, watch: Arc::clone(watch) })
     }
 

@@ -21,7 +21,7 @@ const SHOWN: usize = 3;
 /// A run, as it was seen from outside of the operators.
 #[derive(Default)]
 pub(crate) struct ObservedRun {
-    pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
+    pub(crate) disruptions: BTreeMap<&'static str, TimeSpan>,
     /// All calm periods together.
     pub(crate) calm: TimeSpan,
     /// Clouds from which an operator had no output during a calm period.
@@ -68,8 +68,8 @@ pub(crate) fn checks(
         ("one account", each(&|operator_outcome| one_account(operator_outcome))),
         ("each with its reason", each(&|operator_outcome| reasons(&operator_outcome.tally))),
         ("found again", observed.unanswered.clone()),
-        ("strikes bite", observed.blunt()),
-        ("flat", observed.grown()),
+        ("disruptions take effect", observed.ineffective_disruptions()),
+        ("no leaks", observed.leaks()),
         ("nothing is left", observed.leftovers()),
     ];
     checks.into_iter().map(|(name, problems)| ChaosCheck { name, problems }).collect()
@@ -88,7 +88,11 @@ fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
         problems.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
     }
     problems.extend(
-        operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")),
+        operator_outcome
+            .tally
+            .recording_error
+            .iter()
+            .map(|why| format!("operator {number}: {why}")),
     );
     problems
 }
@@ -117,16 +121,16 @@ fn reasons(tally: &Tally) -> Vec<String> {
 
 impl ObservedRun {
     /// Disruptions without their effect: the run shows nothing then.
-    fn blunt(&self) -> Vec<String> {
+    fn ineffective_disruptions(&self) -> Vec<String> {
         let mut problems = Vec::new();
         for harm in Disruption::ALL {
             let name = harm.as_str();
-            let Some(span) = self.strikes.get(name) else {
+            let Some(span) = self.disruptions.get(name) else {
                 problems.push(format!("{name}: there was none"));
                 continue;
             };
             // When nothing is disrupted, a third of the outputs are a cloud's.
-            if harm.silences() && span.of_struck > span.outputs / 20 {
+            if harm.silences() && span.of_disrupted > span.outputs / 20 {
                 problems.push(format!("{name}: the cloud answers, {span:?}"));
             }
             if harm.breaks_calls() && span.failed + span.timed_out == 0 {
@@ -140,7 +144,7 @@ impl ObservedRun {
     }
 
     /// What grew from the first calm to the last.
-    fn grown(&self) -> Vec<String> {
+    fn leaks(&self) -> Vec<String> {
         let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else {
             return vec!["nothing was measured".to_owned()];
         };
@@ -177,7 +181,7 @@ impl ObservedRun {
             "timed out",
         ]);
         let harms = Disruption::ALL.map(Disruption::as_str).into_iter();
-        let spans = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
+        let spans = harms.filter_map(|name| Some((name, self.disruptions.get(name)?)));
         for (name, span) in spans.chain([("calm", &self.calm)]) {
             let share = |of: u64| format!("{} %", of * 100 / span.outputs.max(1));
             table.add_row([
@@ -185,7 +189,7 @@ impl ObservedRun {
                 span.times.to_string(),
                 format!("{}.{}", span.ms / 1000, span.ms % 1000 / 100),
                 span.outputs.to_string(),
-                share(span.of_struck),
+                share(span.of_disrupted),
                 share(span.of_local),
                 span.failed.to_string(),
                 span.timed_out.to_string(),

@@ -71,7 +71,7 @@ impl Testbed {
         self.clouds.len()
     }
 
-    /// Begins a disruption; [`mend`](Self::mend) ends it.
+    /// Begins a disruption; [`repair`](Self::repair) ends it.
     pub(crate) fn disruption(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
         let (cloud, port) = (disruption.cloud, port(disruption.cloud));
         match disruption.harm {
@@ -102,7 +102,7 @@ impl Testbed {
     }
 
     /// Ends a disruption.
-    pub(crate) fn mend(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
+    pub(crate) fn repair(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
         let cloud = disruption.cloud;
         match disruption.harm {
             Disruption::Kill => self.clouds[cloud] = self.start(cloud, "good")?,

@@ -231,7 +231,7 @@ async fn see(
             }
             Some(_) | None => log.wrong(number, &item),
         }
-        let took = item.took();
+        let took = item.latency();
         log.longest = log.longest.max(took);
         let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
         if let Some(by) = late {

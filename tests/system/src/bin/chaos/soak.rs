@@ -74,7 +74,7 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
         operators,
         messages,
         seconds,
-        strikes: observed.strikes.values().map(|span| span.times).sum(),
+        disruptions: observed.disruptions.values().map(|span| span.times).sum(),
         longest_output_us: longest_output_us(&fates),
         greatest_timer_lateness_us: u64::try_from(lateness.greatest().as_micros())?,
         taken: observed.usage,
@@ -102,7 +102,7 @@ async fn run(
             calm(fleet, &mut observed).await?;
         }
         println!("{:6.1} s: {disruption}", start.elapsed().as_secs_f64());
-        observe_disruption(field, fleet, disruption, &mut observed.strikes).await?;
+        observe_disruption(field, fleet, disruption, &mut observed.disruptions).await?;
         sleep(disruption.calm).await;
     }
     calm(fleet, &mut observed).await?;
@@ -114,7 +114,7 @@ async fn observe_disruption(
     field: &mut Testbed,
     fleet: &Fleet,
     disruption: ScheduledDisruption,
-    strikes: &mut BTreeMap<&'static str, TimeSpan>,
+    disruptions: &mut BTreeMap<&'static str, TimeSpan>,
 ) -> Result<(), Error> {
     let ends = Instant::now() + disruption.lasts;
     field.disruption(disruption)?;
@@ -122,10 +122,10 @@ async fn observe_disruption(
     let (from, before) = (Instant::now(), ChaosTotals::of(&fleet.tallies()));
     sleep_until(ends).await;
     let now = ChaosTotals::of(&fleet.tallies());
-    field.mend(disruption)?;
+    field.repair(disruption)?;
     let of = (!disruption.harm.is_of_all()).then_some(disruption.cloud);
     let span = now.since(&before, of, from.elapsed());
-    strikes.entry(disruption.harm.as_str()).or_default().add(&span);
+    disruptions.entry(disruption.harm.as_str()).or_default().add(&span);
     Ok(())
 }
 

@@ -22,7 +22,7 @@ pub(crate) struct TimeSpan {
     pub(crate) ms: u64,
     pub(crate) outputs: u64,
     /// The outputs of the disrupted cloud, or of all clouds if all were disrupted.
-    pub(crate) of_struck: u64,
+    pub(crate) of_disrupted: u64,
     pub(crate) of_local: u64,
     /// The calls that failed, and the calls that the deadline ended.
     pub(crate) failed: u64,
@@ -52,7 +52,7 @@ impl ChaosTotals {
             times: 1,
             ms: u64::try_from(took.as_millis()).unwrap_or(u64::MAX),
             outputs,
-            of_struck: cloud.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
+            of_disrupted: cloud.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
             of_local,
             failed: self.failed - before.failed,
             timed_out: self.timed_out - before.timed_out,
@@ -65,7 +65,7 @@ impl TimeSpan {
         self.times += other.times;
         self.ms += other.ms;
         self.outputs += other.outputs;
-        self.of_struck += other.of_struck;
+        self.of_disrupted += other.of_disrupted;
         self.of_local += other.of_local;
         self.failed += other.failed;
         self.timed_out += other.timed_out;

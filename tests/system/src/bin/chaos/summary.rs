@@ -12,7 +12,7 @@ pub(crate) struct Summary {
     pub(crate) messages: u64,
     pub(crate) seconds: u64,
     /// The number of disruptions.
-    pub(crate) strikes: u64,
+    pub(crate) disruptions: u64,
     pub(crate) longest_output_us: u64,
     pub(crate) greatest_timer_lateness_us: u64,
     /// The medians in the calm period after each round of disruptions, and in the last one.
@@ -29,11 +29,11 @@ impl fmt::Display for Summary {
         }
         write!(
             f,
-            "{} messages of {} operators, {} strikes, {} s, seed {}; the longest output \
+            "{} messages of {} operators, {} disruptions, {} s, seed {}; the longest output \
              took {} ms, a timer was {} ms late",
             self.messages,
             self.operators,
-            self.strikes,
+            self.disruptions,
             self.seconds,
             self.seed,
             self.longest_output_us / 1000,

@@ -22,9 +22,9 @@ pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
         return Err(defect.clone());
     }
     if let Some(tally) = &played.tally {
-        let is_reported = tally.unrecorded.is_some() == (played.ended == OperatorEnd::Early);
+        let is_reported = tally.recording_error.is_some() == (played.ended == OperatorEnd::Early);
         ensure(is_reported, || {
-            format!("it ended {:?}, unrecorded {:?}", played.ended, tally.unrecorded)
+            format!("it ended {:?}, recording_error {:?}", played.ended, tally.recording_error)
         })?;
     }
     if let (Disk::FullAfter(parts, bytes), OperatorEnd::Early) = (scenario.disk, &played.ended) {
@@ -67,7 +67,7 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
 fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
     let mut reported = Tally {
-        unrecorded: tally.unrecorded.clone(),
+        recording_error: tally.recording_error.clone(),
         late_timers: tally.late_timers,
         greatest_lag: tally.greatest_lag,
         handler_failures: tally.handler_failures,

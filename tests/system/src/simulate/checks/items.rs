@@ -6,7 +6,7 @@ use fuseline_traces::nanos;
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedOutcome, LoggedResult, Read};
-use crate::simulate::peers::{name, words};
+use crate::simulate::peers::{failure_text, name};
 use crate::simulate::play::RunResult;
 use crate::simulate::replay::Departure;
 use crate::simulate::scenario::CallResult;
@@ -208,7 +208,8 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
                 })?;
                 continue;
             };
-            let reported = words(ValueLabel { p: *p, t: read.t, serial: call.serial, at: 0 });
+            let reported =
+                failure_text(ValueLabel { p: *p, t: read.t, serial: call.serial, at: 0 });
             let act = scenario.act(call.serial, *p);
             let panics = matches!(
                 act.map(|act| act.result),

@@ -159,7 +159,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
         let sources = (0..peers).map(|index| source(&simulation, scenario, index));
         let outputs = [(Kind::Output, "/output"), (Kind::Revisions, "/output/revisions")];
         let outputs = outputs
-            .map(|(kind, topic)| Box::new(simulation.outlet(kind, topic)) as Box<dyn Publish>);
+            .map(|(kind, topic)| Box::new(simulation.publisher(kind, topic)) as Box<dyn Publish>);
         let status_publisher = StatusPublisher(Arc::clone(&simulation));
         let running = run(
             &settings,
@@ -191,12 +191,12 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) 
     let route = if peer.is_called {
         Route::Grpc(called(simulation, index))
     } else {
-        let requests = simulation.outlet(Kind::Requests(index), &format!("/{name}/input"));
+        let requests = simulation.publisher(Kind::Requests(index), &format!("/{name}/input"));
         let results = Endpoint::new(&format!("/{name}/output"), "tests/msg/Text");
         results.change([7; 16], 1, None);
         Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
-    let hints = simulation.outlet(Kind::Hints(index), &format!("/late{index}"));
+    let hints = simulation.publisher(Kind::Hints(index), &format!("/late{index}"));
     NodeSource {
         priority: u16::try_from(index).unwrap(),
         name,
@@ -321,7 +321,7 @@ impl SimulationState {
         self.health.lock().unwrap()
     }
 
-    fn outlet(self: &Arc<Self>, kind: Kind, topic: &str) -> SimulatedPublisher {
+    fn publisher(self: &Arc<Self>, kind: Kind, topic: &str) -> SimulatedPublisher {
         let end = Arc::new(Endpoint::new(topic, "tests/msg/Text"));
         SimulatedPublisher { simulation: Arc::clone(self), kind, end }
     }

@@ -1,4 +1,4 @@
-//! Strangers and floods at the door of a server, over real sockets on loopback.
+//! Hostile clients and floods of connections at a server, over real sockets on loopback.
 //!
 //! Each is refused or closed, is named in the log, and takes no more memory than it may; another client is
 //! served all the while.
@@ -164,7 +164,7 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
             let before = standstills.count();
             match one(&mut known).await {
                 Ok(bytes) => assert_eq!(bytes, 9),
-                // Where the host stood still, a client is as late as a stranger.
+                // Where the host stood still, a client is as late as a hostile client.
                 Err(status) => assert!(standstills.count() > before, "{status}"),
             }
             (served, most) = (served + 1, most.max(resident()));
@@ -188,12 +188,12 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     out
 }
 
-/// What the log says of a stranger, and how it comes.
-type Stranger<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
+/// What the log says of a hostile client, and how it comes.
+type HostileClient<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
 
 /// D12: each is refused, is named in the log, and the known client is served before and after.
 #[tokio::test]
-async fn strangers_are_refused_and_named() {
+async fn hostile_clients_are_refused_and_named() {
     let _turn = TURN.lock().await;
     let (ca, other) = (Ca::new(), Ca::new());
     let token = || Some(Token::new("right").unwrap());
@@ -208,7 +208,7 @@ async fn strangers_are_refused_and_named() {
         token: token(),
         ..cloud.https(&ca)
     };
-    let strangers: [Stranger<'_>; 6] = [
+    let clients: [HostileClient<'_>; 6] = [
         ("TLS: peer sent no certificates", &|c| Remote { identity: None, ..known(c) }),
         ("TLS: invalid peer certificate", &|c| Remote {
             identity: Some(other.sign("vehicle")),
@@ -225,12 +225,12 @@ async fn strangers_are_refused_and_named() {
             ..known(c)
         }),
     ];
-    for (words, stranger) in strangers {
+    for (words, client) in clients {
         LazyLock::force(&LOG).0.lock().unwrap().clear();
         let cloud = Cloud::start("127.0.0.1:0", server(), sized);
         assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
         assert_eq!(LOG.text(), "", "nobody was refused");
-        call(&stranger(&cloud)).await.expect_err(words);
+        call(&client(&cloud)).await.expect_err(words);
         LOG.wait_for_log(words).await;
         assert!(LOG.text().contains("peer=127.0.0.1:"), "{}", LOG.text());
         assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
@@ -536,21 +536,21 @@ async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
     socket.connect(address).await
 }
 
-/// `STRANGERS` of them, 4,000 by default, as many as a landing affords. As many hold their connections at once as the
+/// `HOSTILE` of them, 4,000 by default, as many as a landing affords. As many hold their connections at once as the
 /// limits on open files allow both ends of, and the bounds are a part of that. The size is printed.
 ///
-/// The system completes a connection before the server gets to it. On a busy host all strangers could come and go before
+/// The system completes a connection before the server gets to it. On a busy host all clients could come and go before
 /// the server looks, and it would never have more than it may. So they hang up only after it reported that it has.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn connections_are_bounded_by_address_and_in_all() {
     let _turn = TURN.lock().await;
-    let in_all = std::env::var("STRANGERS").map_or(4_000, |count| count.parse().unwrap());
+    let in_all = std::env::var("HOSTILE").map_or(4_000, |count| count.parse().unwrap());
     let at_once = (rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
         .map_or(5_000, |files| usize::try_from(files).unwrap_or(usize::MAX) / 4)
         .clamp(100, 5_000)
         .min(in_all / 2);
     // Not captured with the rest.
-    writeln!(std::io::stderr(), "{in_all} strangers knock, {at_once} at once").unwrap();
+    writeln!(std::io::stderr(), "{in_all} clients connect, {at_once} at once").unwrap();
     let bounds = Bounds {
         connections: at_once / 2,
         connections_each: (at_once / ADDRESSES + 1) * 2,

@@ -1,19 +1,19 @@
-//! What a trace looks like beside what the judge says of it: hints for who judges it.
+//! What a trace looks like beside what the judge says of it: notes for who judges it.
 
 use fuseline_report::{Findings, JudgeMode};
 use fuseline_traces::{Decision, Event, Input};
 
-use crate::complain::complain;
+use crate::diagnostics::print_line;
 
 /// What is looked at while a trace is judged.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct JudgingHints {
+pub(crate) struct JudgingNotes {
     mode: JudgeMode,
     offers: u64,
     requests: u64,
 }
 
-impl JudgingHints {
+impl JudgingNotes {
     pub(crate) const fn new(mode: JudgeMode) -> Self {
         Self { mode, offers: 0, requests: 0 }
     }
@@ -31,7 +31,7 @@ impl JudgingHints {
         let summary = found.summary();
         let (file, requests) = (summary.file, self.requests);
         if self.mode.is_none() && summary.violations > 0 && self.offers == 0 && requests > 0 {
-            complain(format_args!(
+            print_line(format_args!(
                 "note: {file}: it has requests and no offers, as what several threads or machines recorded; judge that \
                  with --observed --tolerance TIME --lateness TIME"
             ));

@@ -1,4 +1,4 @@
-//! Strangers, each of which reaches one of the bounds.
+//! Hostile clients, each of which reaches one of the bounds.
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -18,9 +18,9 @@ pub(crate) const BEYOND: usize = 3;
 /// The preface of HTTP/2 and settings of nothing.
 const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-/// What a stranger does.
+/// What a hostile client does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum StrangerKind {
+pub(crate) enum HostileKind {
     /// Sends no call, but perhaps the preface or pings.
     Mute,
     /// Calls without the token.
@@ -45,7 +45,7 @@ pub(crate) enum StrangerKind {
     NoDescriptor,
 }
 
-impl StrangerKind {
+impl HostileKind {
     const ALL: [Self; 11] = [
         Self::Mute,
         Self::Unknown,
@@ -71,36 +71,36 @@ impl StrangerKind {
 /// Comes, does what it does, and goes; what went otherwise than the bounds say, if something did.
 pub(crate) async fn come(
     here: &VisitedServer,
-    kind: StrangerKind,
+    kind: HostileKind,
     from: IpAddr,
     rng: &mut Rng,
 ) -> Option<String> {
     // Its bounds count from when it is let in.
-    if kind != StrangerKind::NoDescriptor {
+    if kind != HostileKind::NoDescriptor {
         here.server.accepts().await;
     }
     match kind {
-        StrangerKind::Mute => mute(here, from, rng).await,
-        StrangerKind::Unknown => unknown(here, from).await,
-        StrangerKind::Crowd => crowd(here, from).await,
-        StrangerKind::Stalls => stalls(here, from, [rng.bool(), rng.bool()]).await,
-        StrangerKind::Dribbles => dribbles(here, from).await,
-        StrangerKind::Resets => resets(here, from).await,
-        StrangerKind::Idles => {
+        HostileKind::Mute => mute(here, from, rng).await,
+        HostileKind::Unknown => unknown(here, from).await,
+        HostileKind::Crowd => crowd(here, from).await,
+        HostileKind::Stalls => stalls(here, from, [rng.bool(), rng.bool()]).await,
+        HostileKind::Dribbles => dribbles(here, from).await,
+        HostileKind::Resets => resets(here, from).await,
+        HostileKind::Idles => {
             let visitor = here.server.visit(from).await;
             let is_served = here.answers(&visitor).await;
             let closed = visitor.closed(here.bounds.idle * 2).await;
             check(closed, here.bounds.idle).or((!is_served).then(|| "its call failed".into()))
         }
-        StrangerKind::Garbage => {
+        HostileKind::Garbage => {
             let mut socket = here.server.connect(from);
             let noise: Vec<u8> = (0..200).map(|_| rng.u8(0..255)).collect();
             let _ = socket.write_all(&noise).await;
             check(end(&mut socket, here.bounds.idle).await, Duration::ZERO)
         }
-        StrangerKind::Vanishes => vanishes(here, from, rng).await,
-        StrangerKind::Dead => dead(here, from).await,
-        StrangerKind::NoDescriptor => {
+        HostileKind::Vanishes => vanishes(here, from, rng).await,
+        HostileKind::Dead => dead(here, from).await,
+        HostileKind::NoDescriptor => {
             for _ in 0..rng.u8(1..20) {
                 here.server.fail_to_accept();
             }

@@ -1,9 +1,17 @@
-//! Which options to change where a vehicle's figures make no sense.
+//! What the command prints on standard error, and which options it tells the user to change.
+
+use std::fmt;
+use std::io::{self, Write};
 
 use fuseline_deadline::{Figure, Invalid};
 
-/// The options that could be at fault, named alike by `fuseline deadline` and the scenarios.
-pub(crate) const fn options(invalid: Invalid) -> &'static str {
+/// Prints a line on standard error. If it is closed, the command goes on.
+pub(crate) fn print_line(line: impl fmt::Display) {
+    let _ = writeln!(io::stderr().lock(), "{line}");
+}
+
+/// The options that could be at fault, which have the same names in `fuseline deadline` and the scenarios.
+pub(crate) const fn options_at_fault(invalid: Invalid) -> &'static str {
     match invalid {
         Invalid::Order(figure) | Invalid::Implausible { figure, .. } => match figure {
             Figure::Deceleration => "--deceleration",

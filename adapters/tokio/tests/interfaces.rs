@@ -69,7 +69,7 @@ async fn handlers_of_states_substitutes_and_hints_that_panic_are_counted() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         setup.use_state(&CarriedState::new(()), |_| panic!("on purpose"));
         setup.use_substitute(|_| panic!("on purpose"));
-        setup.use_hints(|_| panic!("on purpose"));
+        setup.on_late_result(|_| panic!("on purpose"));
         let mut local = Local::future(|n, _| async move {
             if *n == 1 {
                 sleep(20 * MS).await;

@@ -333,7 +333,7 @@ impl<V, R> Engine<V, R> {
         let instant = self.instant(at);
         let Some(item) = self.open_messages.item(t, (at, instant), ending) else { return };
         if let Some(latency) = self.latency.as_ref().filter(|_| item.is_last()) {
-            latency.record(item.took());
+            latency.record(item.latency());
         }
         self.effects.push(Effect::Output(item));
     }
@@ -401,14 +401,14 @@ impl<V, R> Engine<V, R> {
             return;
         }
         let operator = &*self.operator;
-        if self.local.lossy {
+        if self.local.may_lose_results {
             while let Some(t) = self.sources[LOCAL].remove_lost(now) {
                 warn!(operator, timestamp = t, "local computation lost");
                 self.counts.source(LOCAL, CountedEvent::Lost);
             }
             return;
         }
-        while let Some((timestamp, is_replaced)) = self.sources[LOCAL].overran(now) {
+        while let Some((timestamp, is_replaced)) = self.sources[LOCAL].mark_overrun(now) {
             self.counts.source(LOCAL, CountedEvent::Lost);
             if is_replaced {
                 warn!(

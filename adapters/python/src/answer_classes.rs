@@ -1,4 +1,4 @@
-//! The machine's answers as objects of the package's own classes, which are plain Python (`_words.py`).
+//! The machine's answers as objects of the package's own classes, which are plain Python (`_validation.py`).
 
 use fuseline_arbiter::{drop_reason, offer_refusal, open_refusal};
 use fuseline_core as core;
@@ -10,7 +10,7 @@ use pyo3::types::PyTuple;
 /// The most clouds of a machine.
 pub(crate) const CLOUDS: usize = 15;
 
-static WORDS: PyOnceLock<AnswerClasses> = PyOnceLock::new();
+static CLASSES: PyOnceLock<AnswerClasses> = PyOnceLock::new();
 
 /// The classes, and the answers of which there is only one each.
 pub(crate) struct AnswerClasses {
@@ -36,11 +36,11 @@ pub(crate) struct AnswerClasses {
 
 impl AnswerClasses {
     pub(crate) fn get(py: Python<'_>) -> PyResult<&'static Self> {
-        WORDS.get_or_try_init(py, || Self::new(py))
+        CLASSES.get_or_try_init(py, || Self::new(py))
     }
 
     fn new(py: Python<'_>) -> PyResult<Self> {
-        let module = py.import("fuseline._words")?;
+        let module = py.import("fuseline._validation")?;
         let class = |name: &str| module.getattr(name);
         let only = |name: &str| Ok::<_, PyErr>(class(name)?.call0()?.unbind());
         let none = PyTuple::empty(py);

@@ -312,7 +312,7 @@ def test_policies_can_be_pickled() -> None:
     observations = Observations()
     for end, age in ((End.ANSWERED, 0.3), (End.CENSORED, 0.1), (End.FAILED, 0.2)):
         observations.add(end, age)
-    policy = Guard().caps(expected)
+    policy = Guard().cap(expected)
     copies = pickle.loads(pickle.dumps((policy, expected, Constant(0.5), observations)))
     situation = Situation(speed=11.0)
     assert copies[0].decide(situation, 5.0) == policy.decide(situation, 5.0)
