@@ -228,7 +228,7 @@ fn nobody_has_to_read_standard_error() {
     for (args, code) in [
         (&["check", "no-such-file"][..], 2),
         (&["no-such-command"], 2),
-        (&["run", "--for", "6s", "--rate", "1", "--json"], 0),
+        (&["run", "--for", "6s", "--rate", "1", "--json", "--accept", "silent"], 0),
     ] {
         let mut child = fuseline(args)
             .current_dir(dir.path())
