@@ -235,7 +235,7 @@ fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
 
 /// Whether each condition is shown or explained.
 fn mcdc(tree: &Tree, target: &Path, without: &[String]) -> Result<bool, FaultsError> {
-    let report = McdcReport::take(tree, &target.join("mcdc"), without)?;
+    let report = McdcReport::take(tree, target, without)?;
     write(&target.join("faults/mcdc.md"), &report.page())?;
     write(&target.join("faults/mcdc.json"), &report.json())?;
     println!("{}", report.summary());

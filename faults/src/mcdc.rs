@@ -11,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use serde::Deserialize;
 
@@ -20,6 +19,7 @@ pub use self::pair::{Evaluation, IndependencePair};
 
 use crate::error::FaultsError;
 use crate::tree::{Tree, write};
+use crate::work::FaultyCopy;
 
 /// The folders of sources whose decisions count, each of a crate.
 const SOURCES: [&str; 2] = ["core/src", "adapters/c/src"];
@@ -31,6 +31,9 @@ the order of the conditions. [Seeded faults](evidence.md#conditions-of-the-core)
 ";
 /// What the copy of the crate records with.
 const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");
+/// Constant functions record as well: the compiler takes another way where it evaluates them itself.
+const UNSTABLE: &str =
+    "#![feature(core_intrinsics, const_eval_select)]\n#![allow(internal_features, unused)]\n";
 /// Conditions that no test can show, each with the reason.
 const EXPLAINED: &str = "faults/mcdc.toml";
 /// The tests that run: the core's own, those of the rules, and those of the C interface.
@@ -82,31 +85,26 @@ impl McdcReport {
         let path = tree.path(EXPLAINED);
         let explained: ExplainedConditions = toml::from_str(&tree.text(EXPLAINED)?)
             .map_err(|error| FaultsError::content(&path, error.to_string()))?;
-        let copy = Tree::new(target.join("copy"));
+        let copy = Tree::new(target.join("mcdc/copy"));
         let recorders = SOURCES.map(|folder| (format!("{folder}/mcdc.rs"), RECORDER.to_owned()));
         let mut changed = BTreeMap::from(recorders);
         let mut decisions = Vec::new();
-        let files = tree.files(&SOURCES)?.into_iter();
-        let files = files.map(|file| tree.text(&file).map(|text| (file, text)));
-        let files = files.collect::<Result<Vec<_>, _>>()?;
-        let constant = decision::constant_functions(&files)?;
-        for (file, text) in files {
-            let mut text = decision::instrument(&file, &text, &constant, &mut decisions)?;
+        for file in tree.files(&SOURCES)? {
+            let mut text = decision::instrument(&file, &tree.text(&file)?, &mut decisions)?;
             if SOURCES.iter().any(|folder| file == format!("{folder}/lib.rs")) {
-                text.push_str("\nmod mcdc;\n");
+                text = format!("{UNSTABLE}{text}\nmod mcdc;\n");
             }
             changed.insert(file, text);
         }
         tree.copy_to(&copy, changed)?;
-        let recorded = target.join("evaluations.txt");
+        let recorded = target.join("mcdc/evaluations.txt");
         write(&recorded, "")?;
-        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        let mut command = FaultyCopy::cargo(copy.root());
         command.args(TESTS).args(["--locked", "--quiet", "--"]);
         command.args(without.iter().flat_map(|name| ["--skip", name]));
         let ended = command
-            .current_dir(copy.root())
-            .env("CARGO_TARGET_DIR", target.join("built"))
-            .env("RUSTFLAGS", "--cap-lints=allow")
+            // Beside the seeded faults, which need the same dependencies.
+            .env("CARGO_TARGET_DIR", target.join("faults/build/plain"))
             .env("FUSELINE_MCDC", &recorded)
             .env_remove("PROPTEST_CASES")
             .stdout(std::io::stderr())

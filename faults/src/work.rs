@@ -176,13 +176,16 @@ impl FaultyCopy<'_> {
         Ok(Built::Programs([(program, (self.python.clone(), folder))].into()))
     }
 
-    fn cargo(folder: &Path) -> Command {
+    /// Begins a call of cargo for a copy.
+    pub(crate) fn cargo(folder: &Path) -> Command {
         let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         command
             .current_dir(folder)
             .stdin(Stdio::null())
             .env("CARGO_NET_OFFLINE", "true")
             .env("CARGO_TERM_COLOR", "never")
+            // What MC/DC records with needs it. Each call has it, since dependencies are built again when it changes.
+            .env("RUSTC_BOOTSTRAP", "fuseline_core,fuseline_c")
             .env_remove("RUSTFLAGS")
             .env_remove("RUSTC_WORKSPACE_WRAPPER");
         command
