@@ -38,9 +38,8 @@ const CRATES: [(&str, &str); 9] = [
 /// Where tests of Python are.
 const PYTHON_TESTS: &str = "adapters/python/tests";
 /// Where other tests are.
-const TESTS: [&str; 10] = [
+const TESTS: [&str; 9] = [
     "tests/tests",
-    "tests/loom/tests",
     "tests/system/tests",
     "deadline/tests",
     "adapters/engine/tests",

@@ -104,8 +104,8 @@ pub const KINDS: &[WitnessKind] = &[
         programs: &[
             program("fuseline-threads", "fuseline_threads", &[]),
             program("fuseline-threads", "messages", &[]),
-            program("fuseline-loom", "history", &[]),
-            program("fuseline-loom", "stress", &[]),
+            program("fuseline-threads", "history", &[]),
+            program("fuseline-threads", "stress", &[]),
         ],
         stops: true,
         ..TESTS
@@ -115,7 +115,10 @@ pub const KINDS: &[WitnessKind] = &[
         title: "interleavings under loom",
         concerns: |fault| fault.file.starts_with(THREADS),
         suite: &LOOM,
-        programs: &[program("fuseline-loom", "loom", &[]), program("fuseline-loom", "values", &[])],
+        programs: &[
+            program("fuseline-threads", "loom", &[]),
+            program("fuseline-threads", "values", &[]),
+        ],
         stops: true,
         ..TESTS
     },

@@ -11,7 +11,6 @@ pub(super) const MACHINE: BuildSuite = BuildSuite {
         "-p=fuseline-models",
         "-p=fuseline-proofs",
         "-p=fuseline-threads",
-        "-p=fuseline-loom",
         "-p=fuseline-traces",
     ],
     tests: &[
@@ -34,7 +33,7 @@ pub(super) const MACHINE: BuildSuite = BuildSuite {
 };
 pub(super) const LOOM: BuildSuite = BuildSuite {
     name: "loom",
-    packages: &["-p=fuseline-loom"],
+    packages: &["-p=fuseline-threads"],
     tests: &["--release", "--test=loom", "--test=values"],
     programs: &[],
     variables: &[("RUSTFLAGS", "--cfg loom")],

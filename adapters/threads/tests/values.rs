@@ -2,10 +2,12 @@
 //! that gets `Forwarded` gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
+mod common;
+
 use std::sync::atomic::{AtomicBool as Flag, Ordering};
 
+use common::CallOrder;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
-use fuseline_loom::CallOrder;
 use fuseline_threads::{CallOutcome, Shared, ValueOwner};
 use loom::model::Builder;
 use loom::thread;

@@ -2,16 +2,18 @@
 //! order of the pure step, and each order of the calls occurs. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
+mod common;
+
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool as Flag;
 use std::sync::{Arc, Mutex};
 
-use fuseline_core::{
-    Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
-};
-use fuseline_loom::{
+use common::{
     CallAnswer, CallHistory, CallInput, CallOrder, Sequential, ThreadHandle, Timed, fail, limited,
     next_due, offer, open, queued, result, tick,
+};
+use fuseline_core::{
+    Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;

@@ -10,11 +10,11 @@ use loom::sync::atomic::{AtomicU64, Ordering};
 /// by one thread and an exchange by another could come in the other order if the other thread loads before it
 /// exchanges. The turn is relaxed, so it orders nothing else.
 #[derive(Clone, Default, Debug)]
-pub struct CallOrder(Arc<AtomicU64>);
+pub(crate) struct CallOrder(Arc<AtomicU64>);
 
 impl CallOrder {
     /// Takes a turn.
-    pub fn take(&self) {
+    pub(crate) fn take(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }

@@ -7,7 +7,7 @@ use fuseline_core::{
 
 /// The input of a call. Times are in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum CallInput {
+pub(crate) enum CallInput {
     /// An open (F1).
     Open {
         /// The timestamp.
@@ -53,22 +53,22 @@ pub enum CallInput {
 }
 
 /// An input with its caller's `now`.
-pub type Timed = (u64, CallInput);
+pub(crate) type Timed = (u64, CallInput);
 
 /// The timers that fired in a call.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct CallFirings {
+pub(crate) struct CallFirings {
     /// The last due instant.
-    pub due: u64,
+    pub(crate) due: u64,
     /// The sources of the timers.
-    pub timers: Sources,
+    pub(crate) timers: Sources,
     /// The decision.
-    pub decision: Decision,
+    pub(crate) decision: Decision,
 }
 
 /// The answer to a call.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum CallAnswer {
+pub(crate) enum CallAnswer {
     /// The answer to an open.
     Opened(Result<(), OpenRefusal>),
     /// The answer to an offer: the due instant, or the reason to refuse.
@@ -84,7 +84,7 @@ pub enum CallAnswer {
 impl CallInput {
     /// Returns the timestamp of the call.
     #[must_use]
-    pub const fn timestamp(self) -> u64 {
+    pub(crate) const fn timestamp(self) -> u64 {
         match self {
             Self::Open { t, .. }
             | Self::Offer { t, .. }
@@ -134,49 +134,49 @@ impl<const C: usize> From<Firing<C>> for CallFirings {
 
 /// Returns an open without a deadline.
 #[must_use]
-pub const fn open(now: u64, t: u64) -> Timed {
+pub(crate) const fn open(now: u64, t: u64) -> Timed {
     (now, CallInput::Open { t, deadline: None })
 }
 
 /// Returns an open with a deadline.
 #[must_use]
-pub const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
+pub(crate) const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
     (now, CallInput::Open { t, deadline: Some(deadline) })
 }
 
 /// Returns an offer with an empty queue.
 #[must_use]
-pub const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
+pub(crate) const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
     (now, CallInput::Offer { t, p, deadline, backlog: 0 })
 }
 
 /// Returns an offer with a queue.
 #[must_use]
-pub const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
+pub(crate) const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
     (now, CallInput::Offer { t, p, deadline, backlog })
 }
 
 /// Returns a result.
 #[must_use]
-pub const fn result(now: u64, t: u64, p: u8) -> Timed {
+pub(crate) const fn result(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Result { t, p })
 }
 
 /// Returns a failure.
 #[must_use]
-pub const fn fail(now: u64, t: u64, p: u8) -> Timed {
+pub(crate) const fn fail(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Fail { t, p })
 }
 
 /// Returns a tick.
 #[must_use]
-pub const fn tick(now: u64, t: u64) -> Timed {
+pub(crate) const fn tick(now: u64, t: u64) -> Timed {
     (now, CallInput::Tick { t })
 }
 
 /// Returns the query for the next due instant.
 #[must_use]
-pub const fn next_due(t: u64) -> Timed {
+pub(crate) const fn next_due(t: u64) -> Timed {
     (0, CallInput::NextDue { t })
 }
 

@@ -1,14 +1,16 @@
 //! Races random calls on real threads: each recorded history is some order of the pure step.
 #![cfg(not(loom))]
 
+mod common;
+
 use std::sync::Barrier;
 use std::thread;
 
-use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
-use fuseline_loom::{
+use common::{
     CallAnswer, CallHistory, CallInput, Sequential, ThreadHandle, Timed, TimedCall, open, result,
     tick,
 };
+use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
 use fuseline_threads::Shared;
 use proptest::collection::vec;
 use proptest::prelude::*;

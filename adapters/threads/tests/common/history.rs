@@ -7,32 +7,32 @@ use std::sync::{Mutex, PoisonError};
 use fuseline_core::{Deadline, Instant, Priority, Timestamp};
 use fuseline_threads::{MessageId, Owner, SharedHandle};
 
-use crate::input::{CallAnswer, CallInput, Timed};
-use crate::sequential::Sequential;
+use crate::common::input::{CallAnswer, CallInput, Timed};
+use crate::common::sequential::Sequential;
 
 /// One call. It took effect somewhere between `began` and `ended`.
 #[derive(Clone, Copy, Debug)]
-pub struct TimedCall {
+pub(crate) struct TimedCall {
     /// The caller's clock and input.
-    pub input: Timed,
+    pub(crate) input: Timed,
     /// The answer.
-    pub answer: CallAnswer,
+    pub(crate) answer: CallAnswer,
     /// The reading of the history's own clock before the call.
-    pub began: u64,
+    pub(crate) began: u64,
     /// The reading of the history's own clock after the call.
-    pub ended: u64,
+    pub(crate) ended: u64,
 }
 
 /// The calls of all threads. Its clock and its lock are not part of what loom simulates.
 #[derive(Debug, Default)]
-pub struct CallHistory {
+pub(crate) struct CallHistory {
     clock: AtomicU64,
     calls: Mutex<Vec<TimedCall>>,
 }
 
 /// The data that one thread needs to make calls.
 #[derive(Debug)]
-pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
+pub(crate) struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
     history: &'a CallHistory,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
     owner: Option<Owner<'a, CLOUDS, WINDOW>>,
@@ -42,13 +42,13 @@ pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
 impl CallHistory {
     /// Creates a history of these calls.
     #[must_use]
-    pub const fn of(calls: Vec<TimedCall>) -> Self {
+    pub(crate) const fn of(calls: Vec<TimedCall>) -> Self {
         Self { clock: AtomicU64::new(0), calls: Mutex::new(calls) }
     }
 
     /// Returns the calls in the order in which they began.
     #[must_use]
-    pub fn calls(&self) -> Vec<TimedCall> {
+    pub(crate) fn calls(&self) -> Vec<TimedCall> {
         let mut calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone();
         calls.sort_by_key(|call| call.began);
         calls
@@ -60,7 +60,7 @@ impl CallHistory {
     /// # Panics
     /// Panics if there is no call, or if there are more than 64.
     #[must_use]
-    pub fn is_explained_by(&self, machine: &Sequential) -> bool {
+    pub(crate) fn is_explained_by(&self, machine: &Sequential) -> bool {
         let calls = self.calls();
         assert!(!calls.is_empty() && calls.len() <= 64, "{} calls", calls.len());
         let all = u64::MAX >> (64 - calls.len());
@@ -93,7 +93,7 @@ impl CallHistory {
 impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WINDOW> {
     /// Returns the owner's handle.
     #[must_use]
-    pub const fn owner(
+    pub(crate) const fn owner(
         history: &'a CallHistory,
         handle: &'a SharedHandle<CLOUDS, WINDOW>,
         owner: Owner<'a, CLOUDS, WINDOW>,
@@ -103,14 +103,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
 
     /// Returns the handle of another thread, with the same message ids.
     #[must_use]
-    pub fn other(&self) -> Self {
+    pub(crate) fn other(&self) -> Self {
         let (history, handle, tickets) = (self.history, self.handle, self.tickets.clone());
         Self { history, handle, owner: None, tickets }
     }
 
     /// Makes these calls one after the other, each after a `pause`. A call about a message that this thread
     /// has no id for is left out.
-    pub fn make(&mut self, calls: &[Timed], mut pause: impl FnMut()) {
+    pub(crate) fn make(&mut self, calls: &[Timed], mut pause: impl FnMut()) {
         for input in calls {
             pause();
             let began = self.history.now();

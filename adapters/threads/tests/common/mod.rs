@@ -1,5 +1,6 @@
 //! The machine for many threads under test: the callers' inputs, their answers, and a check that some order
 //! of the pure step explains the answers.
+#![allow(dead_code, unused_imports, reason = "each program of the tests takes a part")]
 
 mod history;
 mod input;
@@ -7,11 +8,11 @@ mod sequential;
 #[cfg(loom)]
 mod turn;
 
-pub use history::{CallHistory, ThreadHandle, TimedCall};
-pub use input::{
+pub(crate) use history::{CallHistory, ThreadHandle, TimedCall};
+pub(crate) use input::{
     CallAnswer, CallFirings, CallInput, Timed, fail, limited, next_due, offer, open, queued,
     result, tick,
 };
-pub use sequential::Sequential;
+pub(crate) use sequential::Sequential;
 #[cfg(loom)]
-pub use turn::CallOrder;
+pub(crate) use turn::CallOrder;

@@ -7,11 +7,11 @@ use fuseline_core::{
     Cause, Commit, Decision, DropReason, Gate, OfferRefusal, OpenRefusal, Slot, Source, Sources,
 };
 
-use crate::input::{CallAnswer, CallFirings, CallInput};
+use crate::common::input::{CallAnswer, CallFirings, CallInput};
 
 /// A state of the sequential machine. It has one cloud for each gate, numbered from 1.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub struct Sequential {
+pub(crate) struct Sequential {
     commit: Commit,
     window: usize,
     gates: Vec<Gate>,
@@ -28,12 +28,12 @@ struct SequentialMessage {
 impl Sequential {
     /// Creates a machine without open timestamps, and with a gate for each cloud.
     #[must_use]
-    pub const fn new(commit: Commit, window: usize, gates: Vec<Gate>) -> Self {
+    pub(crate) const fn new(commit: Commit, window: usize, gates: Vec<Gate>) -> Self {
         Self { commit, window, gates, newest: None, open: BTreeMap::new() }
     }
 
     /// Applies an input and returns the machine's answer.
-    pub fn apply(&mut self, now: u64, input: CallInput) -> CallAnswer {
+    pub(crate) fn apply(&mut self, now: u64, input: CallInput) -> CallAnswer {
         match input {
             CallInput::Open { t, deadline } => CallAnswer::Opened(self.accept(now, t, deadline)),
             CallInput::Offer { t, p, deadline, backlog } => {
