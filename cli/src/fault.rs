@@ -22,7 +22,6 @@ pub(crate) enum Fault {
     TimeOrderError(#[from] TimeOrderError),
     #[error("{name}: {}; {}", plain(.source), room(.source))]
     Create { name: String, source: io::Error },
-    #[cfg(feature = "full")]
     #[error("{name}: {}; name a folder that can be written to", plain(.source))]
     Folder { name: String, source: io::Error },
     #[error("{output}: it is what is read as {input}; name another file for the output")]

@@ -2,10 +2,7 @@
 //!
 //! Each subcommand is a module with its options; `exit` has the exit codes, `fault` what stops a command.
 
-#[cfg(any(test, not(feature = "full")))]
-mod absent;
 mod check;
-#[cfg(feature = "full")]
 mod convert;
 mod deadline;
 mod decide;
@@ -14,7 +11,6 @@ mod diagnostics;
 mod drive;
 mod emulation;
 mod exit;
-#[cfg(feature = "full")]
 mod export;
 mod fault;
 mod files;
@@ -27,17 +23,14 @@ mod judging;
 mod judging_notes;
 mod link;
 mod output;
-#[cfg(feature = "full")]
 mod pages;
 mod part;
-#[cfg(feature = "full")]
 mod probe;
 mod progress;
 mod replay;
 mod report;
 mod results;
 mod run;
-#[cfg(feature = "full")]
 mod scenario;
 mod serve;
 mod sink;
@@ -89,7 +82,6 @@ enum Command {
     /// Drive a camera operator with emulated models over recorded networks, and judge its trace.
     Run(run::Args),
     /// Measure the network to a server as the paper's drive did, and record it as a drive.
-    #[cfg(feature = "full")]
     Probe(probe::Args),
     /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
     Serve(serve::Args),
@@ -98,10 +90,8 @@ enum Command {
     /// Judge traces against the rules.
     Check(check::Args),
     /// Make a trace from what other tools recorded: CSV, JSON lines, MCAP or a bag of ROS 2.
-    #[cfg(feature = "full")]
     Convert(convert::Args),
     /// Write a trace for ui.perfetto.dev or for Foxglove.
-    #[cfg(feature = "full")]
     Export(export::Args),
     /// Drive another implementation through the corpus and generated runs, and judge it.
     #[cfg(unix)]
@@ -111,16 +101,13 @@ enum Command {
     /// Show which deadlines are safe for a vehicle at given speeds, and which one is worth it.
     Deadline(deadline::Args),
     /// Play the paper's evaluation in virtual time, from stated physics.
-    #[cfg(feature = "full")]
     #[command(arg_required_else_help = true)]
     Scenario(scenario::Args),
     /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
     /// Print the script that completes commands and options in a shell.
-    #[cfg(feature = "full")]
     Completions(pages::ShellArgs),
     /// Write the manual pages to a folder.
-    #[cfg(feature = "full")]
     Man(pages::ManArgs),
 }
 
@@ -177,10 +164,7 @@ fn log_filter() -> Option<Targets> {
 
 /// The command line, whose help people can read.
 fn grammar() -> clap::Command {
-    let command = Cli::command();
-    #[cfg(not(feature = "full"))]
-    let command = command.after_help(format!("{EXITS}\n\n{}", absent::LACKS));
-    help::readable(command)
+    help::readable(Cli::command())
 }
 
 /// The command of these words, `run` if there is none, and whether it prints colours.
@@ -198,37 +182,25 @@ fn parse(args: &[OsString]) -> Result<(Command, ColorChoice), clap::Error> {
 fn dispatch(command: Command) -> Result<Exit, Fault> {
     match command {
         Command::Run(args) => run::run(&args),
-        #[cfg(feature = "full")]
         Command::Probe(args) => probe::probe(&args),
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
-        #[cfg(feature = "full")]
         Command::Convert(args) => convert::convert(&args),
-        #[cfg(feature = "full")]
         Command::Export(args) => export::export(&args),
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
         Command::Deadline(args) => deadline::print_report(&args),
-        #[cfg(feature = "full")]
         Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
-        #[cfg(feature = "full")]
         Command::Completions(args) => pages::complete(&args, grammar()),
-        #[cfg(feature = "full")]
         Command::Man(args) => pages::manual(&args, grammar()),
     }
 }
 
 /// A mistake on the command line as one line.
 fn usage(error: &clap::Error, args: &[OsString]) -> String {
-    #[cfg(not(feature = "full"))]
-    if let Some(ContextValue::String(command)) = error.get(ContextKind::InvalidSubcommand)
-        && let Some(message) = absent::missing(command)
-    {
-        return message;
-    }
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(one_line);
     let message = paragraphs.next().unwrap_or_default();

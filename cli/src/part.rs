@@ -3,10 +3,8 @@
 use std::time::Duration;
 
 use fuseline_evaluation::duration::{ANY, duration};
-#[cfg(feature = "full")]
 use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
-#[cfg(feature = "full")]
 use fuseline_traces::Event;
 use fuseline_traces::nanos;
 use humantime::format_duration;
@@ -56,7 +54,6 @@ impl PartOptions {
     }
 
     /// What of a trace's events is meant, from its first one on.
-    #[cfg(feature = "full")]
     pub(crate) fn filter(&self) -> Result<impl FnMut(&Event) -> bool + use<>, Fault> {
         let mut filter = self.part()?.map(PartFilter::new);
         Ok(move |event: &Event| filter.as_mut().is_none_or(|filter| filter.takes(event)))

@@ -102,7 +102,7 @@ fn both_templates_install_the_whole_command() {
         }
         let asked: Vec<String> =
             fs::read_to_string(asked).unwrap().lines().map(str::to_owned).collect();
-        for part in ["install", "--locked", "full", "--root"] {
+        for part in ["install", "--locked", "--profile", "shipped", "--root"] {
             assert!(asked.iter().any(|it| it == part), "{template}: {asked:?}");
         }
         let path = asked.iter().position(|it| it == "--path").unwrap();

@@ -262,20 +262,6 @@ fn events_of_a_service_are_requests_and_results() {
     assert_eq!(events(&done), expected, "{}", err(&done));
 }
 
-#[cfg(not(feature = "bags"))]
-#[test]
-fn what_needs_the_feature_says_so() {
-    let dir = tempdir().unwrap();
-    let path = dir.path().join("bag.db3");
-    fs::write(&path, "").unwrap();
-    let refused = convert(&path, &BY_STAMP);
-    assert!(err(&refused).contains("build it with --features bags"), "{}", err(&refused));
-    let schema = Some(("robot.Event", "protobuf", &b""[..]));
-    let refused = convert_mcap(&mcap("protobuf", schema, &frames()), &BY_STAMP);
-    assert!(err(&refused).contains("built with --features bags"), "{}", err(&refused));
-}
-
-#[cfg(feature = "bags")]
 mod bags {
     use prost::Message as _;
     use prost_reflect::prost_types::field_descriptor_proto::{Label, Type};

@@ -177,7 +177,6 @@ impl LogFile {
     }
 
     /// A path by which a library can open it that reads files alone; what is packed gets one for now.
-    #[cfg(feature = "bags")]
     pub(super) fn on_disk(&self) -> Result<(PathBuf, Option<tempfile::NamedTempFile>), Fault> {
         let read = |error: io::Error| self.problem(&error);
         let mut start = [0; 4];

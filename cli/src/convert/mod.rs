@@ -1,7 +1,6 @@
 //! `fuseline convert`: makes a trace of what other tools recorded. Sources give rows, a mapping makes events of them, and the log
 //! puts them in order; nothing is judged.
 
-#[cfg(feature = "bags")]
 mod db3;
 mod entry;
 mod explain;
@@ -63,9 +62,9 @@ With --frame each row or object is a frame: open, t, within, emit, by and miss o
 result, fail and of of each source, as WEST.result=COLUMN. An empty cell is an event that did not happen.
 
 A recording is MCAP, a database of rosbag2 (.db3), or a bag's folder. Its messages are JSON, CDR of ROS 2 by the
-definitions inside, or Protobuf by the descriptors inside; databases and Protobuf are read if fuseline was built with
---features bags. --topic says which topics have events, and which. Without at, events have their log times. A topic of
-JSON without --column or --event has the lines of a trace; the first may be the header.
+definitions inside, or Protobuf by the descriptors inside. --topic says which topics have events, and which. Without
+at, events have their log times. A topic of JSON without --column or --event has the lines of a trace; the first may be
+the header.
 
 An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss if
 its status is an error. Each client span below it is a request to the source that it names, and a result or a failure
@@ -199,14 +198,9 @@ impl Args {
             return Err(OptionError::Frames.into());
         }
         let mut databases = files.iter().filter(|file| file.format == Format::Db3);
-        let refused = databases.find(|file| !cfg!(feature = "bags") || is_standard(&file.path));
-        if let Some(file) = refused {
-            let message = if cfg!(feature = "bags") {
-                "a database of rosbag2 is read from a file of its own, and not from standard input"
-            } else {
-                "this fuseline reads no databases of rosbag2; build it with --features bags, or make an .mcap of it with \
-                 ros2 bag convert"
-            };
+        if let Some(file) = databases.find(|file| is_standard(&file.path)) {
+            let message =
+                "a database of rosbag2 is read from a file of its own, and not from standard input";
             return Err(Problem::of_file(&file.name, message).into());
         }
         Ok(files)

@@ -1,7 +1,6 @@
 //! What a recorded message's bytes say: JSON, CDR by the ROS 2 definition beside it, or Protobuf by its descriptors.
 
 mod cdr;
-#[cfg(feature = "bags")]
 mod protobuf;
 mod ros_msg;
 #[cfg(test)]
@@ -18,7 +17,6 @@ use crate::convert::row::Cells;
 pub(super) enum PayloadDecoder {
     Json,
     Cdr(CdrLayout),
-    #[cfg(feature = "bags")]
     Protobuf(prost_reflect::MessageDescriptor),
 }
 
@@ -31,14 +29,8 @@ impl PayloadDecoder {
                 let text = String::from_utf8_lossy(&schema.data);
                 ros_msg::layout(&schema.name, &text).map(Self::Cdr)
             }
-            #[cfg(feature = "bags")]
             ("protobuf", Some(("protobuf", schema))) => {
                 protobuf::message_type(&schema.name, &schema.data).map(Self::Protobuf)
-            }
-            #[cfg(not(feature = "bags"))]
-            ("protobuf", Some(_)) => {
-                let message = "it is Protobuf, which needs a fuseline built with --features bags";
-                return Err(message.to_owned());
             }
             ("cdr" | "protobuf", None) => {
                 return Err(format!("it is {}, and the file has no schema of it", format.encoding));
@@ -59,7 +51,6 @@ impl PayloadDecoder {
         match self {
             Self::Json => json::cells_of(data),
             Self::Cdr(layout) => layout.read(data).map_err(|error| error.to_string()),
-            #[cfg(feature = "bags")]
             Self::Protobuf(message) => protobuf::cells(message, data),
         }
     }

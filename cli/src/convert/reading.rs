@@ -138,7 +138,6 @@ impl<'a> LogReader<'a> {
 
     fn read_file(&mut self, file: &LogFile) -> Result<(), Fault> {
         let (args, name, before) = (self.args, &file.name, self.log.rows);
-        #[cfg(feature = "bags")]
         if file.format == crate::convert::files::Format::Db3 {
             self.read_database(file)?;
             self.log.files.push(format!("{name}: {} messages", self.log.rows - before));
@@ -188,7 +187,6 @@ impl<'a> LogReader<'a> {
     }
 
     /// `SQLite` reads the file by its name.
-    #[cfg(feature = "bags")]
     fn read_database(&mut self, file: &LogFile) -> Result<(), Fault> {
         let (path, _unpacked) = file.on_disk()?;
         let messages = crate::convert::db3::Db3Messages::open(&path, &self.topics);

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::io::{self, Write};
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, ValueKeys};
-use sha2::{Digest, Sha256};
+use ring::digest::{SHA256, digest as digest_of};
 
 use crate::export::viewer::TraceViewer;
 
@@ -435,8 +435,8 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
 /// So many bytes of a text's digest, in hexadecimal.
 fn digest(text: &str, bytes: usize) -> String {
     const DIGITS: &[u8; 16] = b"0123456789abcdef";
-    let digest = Sha256::digest(text.as_bytes());
-    let digits = digest.iter().take(bytes).flat_map(|byte| [byte >> 4, byte & 15]);
+    let digest = digest_of(&SHA256, text.as_bytes());
+    let digits = digest.as_ref().iter().take(bytes).flat_map(|byte| [byte >> 4, byte & 15]);
     digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect()
 }
 

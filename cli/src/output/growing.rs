@@ -45,7 +45,6 @@ impl Growing {
     ///
     /// # Errors
     /// If that fails.
-    #[cfg(feature = "full")]
     pub(crate) fn empty(&self) -> io::Result<File> {
         self.file.set_len(0)?;
         self.file.try_clone()

@@ -9,14 +9,15 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::plot::png::FONT;
-use crate::plot::{Theme, pieces};
+use crate::plot::picture::Picture;
+use crate::plot::sheet::Sheet;
+use crate::plot::{Drawing, Theme, pieces};
 
 /// A sheet to draw on.
-pub type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub type Canvas<'a> = DrawingArea<Sheet<'a>, Shift>;
 /// A chart; its axes are linear unless given.
 pub type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
+    ChartContext<'a, Sheet<'b>, Cartesian2d<X, Y>>;
 
 /// Drawing into a string does not fail.
 pub const DRAWN: &str = "a drawing in memory";
@@ -86,18 +87,18 @@ pub fn canvas(
     (width, height): (u32, u32),
     (title, below): (&str, &str),
     draw: impl FnOnce(&Canvas<'_>),
-) -> String {
-    let mut svg = String::new();
+) -> Drawing {
+    let (mut svg, mut picture) = (String::new(), Picture::new((width, height)));
     {
-        let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+        let sheet = Sheet::new(&mut svg, &mut picture, (width, height));
+        let root = sheet.into_drawing_area();
         root.fill(&theme.ground).expect(DRAWN);
         TextLine::new(19.0, theme.ink).bold().put(&root, title, (24, 30));
         TextLine::new(13.0, theme.soft).put(&root, below, (24, 54));
         draw(&root);
         root.present().expect(DRAWN);
     }
-    debug_assert!(svg.contains(FONT));
-    svg
+    Drawing { svg, png: picture.png() }
 }
 
 /// What an axis is made of.

@@ -8,7 +8,7 @@ use anstream::adapter::strip_str;
 use tempfile::{Builder, NamedTempFile};
 use thiserror::Error;
 
-use crate::plot::{DARK, LIGHT, Plot, PlotPage, png};
+use crate::plot::{DARK, LIGHT, Plot, PlotPage};
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub struct Folder(PathBuf);
@@ -105,14 +105,17 @@ pub struct PageContent<'a> {
 /// If one cannot be written.
 pub fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), FolderError> {
     let PageContent { title, words, plots, reported } = shown;
+    let mut figures = Vec::new();
     for plot in plots {
-        for theme in [LIGHT, DARK] {
-            let (svg, name) = (plot.svg(&theme), format!("{}{}", plot.name, theme.suffix));
-            folder.put(&format!("{name}.svg"), svg.as_bytes())?;
-            folder.put(&format!("{name}.png"), &png(&svg))?;
+        let [light, dark] = [LIGHT, DARK].map(|theme| (theme.suffix, plot.on(&theme)));
+        for (suffix, drawing) in [&light, &dark] {
+            let name = format!("{}{suffix}", plot.name);
+            folder.put(&format!("{name}.svg"), drawing.svg.as_bytes())?;
+            folder.put(&format!("{name}.png"), &drawing.png)?;
         }
+        figures.push((plot.caption.as_str(), [light.1.svg, dark.1.svg]));
     }
     let table = &strip_str(reported).to_string();
-    let page = PlotPage { title, words, plots, table };
+    let page = PlotPage { title, words, figures: &figures, table };
     folder.put("index.html", page.html().as_bytes())
 }

@@ -4,7 +4,8 @@ mod chart;
 mod cut;
 mod folder;
 mod page;
-mod png;
+mod picture;
+mod sheet;
 mod theme;
 
 pub use chart::{
@@ -14,16 +15,24 @@ pub use cut::inside;
 use cut::pieces;
 pub use folder::{Folder, FolderError, PageContent, show};
 use page::PlotPage;
-use png::png;
+pub use sheet::Sheet;
 pub use theme::{DARK, LIGHT, Theme};
 
-/// A drawing on some ground, as SVG.
+/// A plot, for each ground.
 pub struct Plot {
     /// The name of its files.
     pub name: &'static str,
     /// What it shows, in a sentence.
     pub caption: String,
-    draw: Box<dyn Fn(&Theme) -> String>,
+    draw: Box<dyn Fn(&Theme) -> Drawing>,
+}
+
+/// A plot on one ground.
+pub struct Drawing {
+    /// The text of its SVG.
+    pub svg: String,
+    /// The bytes of its PNG, which has two pixels for a unit of the SVG.
+    pub png: Vec<u8>,
 }
 
 impl Plot {
@@ -31,14 +40,14 @@ impl Plot {
     pub fn new(
         name: &'static str,
         caption: impl Into<String>,
-        draw: impl Fn(&Theme) -> String + 'static,
+        draw: impl Fn(&Theme) -> Drawing + 'static,
     ) -> Self {
         Self { name, caption: caption.into(), draw: Box::new(draw) }
     }
 
     /// Draws it on a ground.
     #[must_use]
-    pub fn svg(&self, theme: &Theme) -> String {
+    pub fn on(&self, theme: &Theme) -> Drawing {
         (self.draw)(theme)
     }
 }

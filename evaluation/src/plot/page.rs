@@ -2,8 +2,6 @@
 
 use std::fmt::Write;
 
-use crate::plot::{DARK, LIGHT, Plot};
-
 const HEAD: &str = r#"<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -31,7 +29,8 @@ pub(super) struct PlotPage<'a> {
     pub(super) title: &'a str,
     /// What it is about, a paragraph each.
     pub(super) words: &'a [&'a str],
-    pub(super) plots: &'a [Plot],
+    /// From top to bottom: a caption, and the SVG on light and on dark ground.
+    pub(super) figures: &'a [(&'a str, [String; 2])],
     /// The table of the terminal.
     pub(super) table: &'a str,
 }
@@ -44,9 +43,8 @@ impl PlotPage<'_> {
         for words in self.words {
             let _ = writeln!(html, "<p>{}</p>", escaped(words));
         }
-        for plot in self.plots {
-            let (light, dark) = (plot.svg(&LIGHT), plot.svg(&DARK));
-            let caption = escaped(&plot.caption);
+        for (caption, [light, dark]) in self.figures {
+            let caption = escaped(caption);
             let _ = writeln!(
                 html,
                 "<figure role=\"img\" aria-label=\"{caption}\"><div class=\"light\">{light}</div><div class=\"dark\">{dark}</div>\n\
