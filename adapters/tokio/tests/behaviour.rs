@@ -6,10 +6,10 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 use crate::support::SourceAction::{Answers, Never};
-use crate::support::{ClosureOperator, Script, line, play, play_default, without_deadline};
+use crate::support::{ClosureOperator, Script, line, play, without_deadline};
 use fuseline_tokio::{
-    Call, Config, Ending, Error, Item, Local, OfferRefusal, Operator, Setup, SpawnError, Trace,
-    WriteError, spawn, stream,
+    Call, Config, Ending, Error, Item, Local, Operator, Setup, SpawnError, Trace, WriteError,
+    spawn, stream,
 };
 use futures_util::{FutureExt, StreamExt};
 use tokio::time::{Instant, advance, sleep};
@@ -86,23 +86,6 @@ async fn of_many_calls_at_once_each_ends_for_its_own_message() {
         .collect();
     expected.sort_unstable();
     assert_eq!(items, expected);
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_message_handler_that_panics_makes_no_request_and_is_called_again() {
-    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
-        let message_handler = |message: &u64, _| {
-            assert_ne!(*message, 0, "on purpose");
-            Some(((), 100 * MS))
-        };
-        setup.use_cloud(|(), _| after(50, "cloud"), message_handler, Ok, 1);
-        local_after(20)
-    });
-    let played = play(operator, Config::default(), &[0, 100]).await;
-    assert_eq!(
-        played.items,
-        "20.000 ms: 0 local by arrival from 20 ms\n150.000 ms: 1 cloud by arrival from 150 ms\n"
-    );
 }
 
 /// D7.
@@ -451,20 +434,6 @@ async fn a_camera_and_the_reader_of_its_output_in_one_task_never_wait_for_each_o
     assert_eq!(tally.messages + tally.refused.values().sum::<u64>(), read);
 }
 
-/// D8.
-#[tokio::test(start_paused = true)]
-async fn an_output_that_nobody_reads_stops_nothing() {
-    let (mut camera, frames) = stream(8);
-    let (running, output) = spawn(Script::new(), Config::default(), frames).unwrap();
-    drop(output);
-    for i in 0..5 {
-        camera.write(i).unwrap();
-    }
-    drop(camera);
-    let tally = running.join().await.unwrap();
-    assert_eq!(tally.forwarded(), 5);
-}
-
 #[tokio::test]
 async fn threads_compute_as_many_messages_at_once_as_there_are() {
     let barrier = Arc::new(Barrier::new(4));
@@ -534,23 +503,4 @@ async fn what_cannot_be_is_refused_before_anything_is_made() {
     });
     let nowhere = Config { trace: nowhere, ..Config::default() };
     assert!(matches!(spawn(Script::new(), nowhere, stream(1).1), Err(SpawnError::Trace { .. })));
-}
-
-#[test]
-fn without_a_runtime_an_operator_is_refused() {
-    let refused = spawn(Script::new(), Config::default(), stream(1).1);
-    assert!(matches!(refused, Err(SpawnError::NoRuntime)));
-}
-
-#[tokio::test(start_paused = true)]
-async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
-    let script = Script::new().cloud(1, 0, |_| Answers(1)).cloud(2, u64::MAX, |_| Answers(30));
-    let config = Config { greatest_deadline: Duration::MAX, ..Config::default() };
-    let played = play(script, config, &[0]).await;
-    assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
-    assert_eq!(played.tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
-
-    let deadline = Some(Duration::ZERO);
-    let played = play_default(Script { deadline, ..Script::new() }, &[0]).await;
-    assert_eq!(played.items, "0.000 ms: 0 refused deadline\n");
 }

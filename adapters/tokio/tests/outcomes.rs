@@ -4,64 +4,7 @@ use std::time::Duration;
 
 use crate::support::SourceAction::{Answers, Fails, Never, Panics};
 use crate::support::{CloudScript, Script, play, play_default};
-use fuseline_tokio::{
-    Commit, Config, DropReason, Latency, OfferRefusal, OpenRefusal, SourceTally, Trigger,
-};
-
-#[tokio::test(start_paused = true)]
-async fn local_alone_is_forwarded_when_it_arrives() {
-    let played = play_default(Script::new(), &[0, 100]).await;
-    assert_eq!(
-        played.items,
-        "20.000 ms: 0 local by arrival from 20 ms\n120.000 ms: 1 local by arrival from 120 ms\n"
-    );
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_cloud_in_time_is_forwarded_and_local_is_discarded() {
-    let played = play_default(Script::new().cloud(1, 100, |_| Answers(99)), &[0]).await;
-    assert_eq!(played.items, "99.000 ms: 0 cloud 1 by arrival from 99 ms\n");
-    assert_eq!(played.tally.sources[0].held, 1);
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_result_at_the_due_instant_is_late() {
-    let played = play_default(Script::new().cloud(1, 100, |_| Answers(100)), &[0]).await;
-    assert_eq!(played.items, "100.000 ms: 0 local by timer from 20 ms\n");
-    assert_eq!(played.tally.sources[1].timers, 1);
-}
-
-/// D9.
-#[tokio::test(start_paused = true)]
-async fn local_goes_at_the_due_instant_when_the_cloud_never_answers() {
-    let played = play_default(Script::new().cloud(1, 100, |_| Never), &[0]).await;
-    assert_eq!(played.items, "100.000 ms: 0 local by timer from 20 ms\n");
-}
-
-#[tokio::test(start_paused = true)]
-async fn local_goes_at_once_when_the_cloud_fails() {
-    let played = play_default(Script::new().cloud(1, 100, |_| Fails(50)), &[0]).await;
-    assert_eq!(played.items, "50.000 ms: 0 local by failure from 20 ms\n");
-    assert_eq!(played.tally.sources[1].failed, 1);
-    assert_eq!(played.tally.sources[0].outputs.get(&Trigger::Failure), Some(&1));
-}
-
-#[tokio::test(start_paused = true)]
-async fn nothing_available_and_nothing_to_come_is_missed() {
-    let script = Script { local: |_| Fails(20), ..Script::new() };
-    let played = play_default(script.cloud(1, 100, |_| Never), &[0]).await;
-    assert_eq!(played.items, "100.000 ms: 0 missed\n");
-    assert_eq!(played.tally.missed, 1);
-}
-
-/// D7.
-#[tokio::test(start_paused = true)]
-async fn panics_of_local_and_of_a_call_are_failures() {
-    let script = Script { local: |_| Panics(20), ..Script::new() };
-    let played = play_default(script.cloud(1, 100, |_| Panics(30)), &[0, 200]).await;
-    assert_eq!(played.items, "30.000 ms: 0 missed\n230.000 ms: 1 missed\n");
-    assert_eq!(played.tally.sources[1].failed, 2);
-}
+use fuseline_tokio::{Commit, Config, DropReason, Latency, OfferRefusal, OpenRefusal, SourceTally};
 
 /// D6.
 #[tokio::test(start_paused = true)]
@@ -95,18 +38,6 @@ async fn the_best_held_result_goes_when_the_first_timer_fires() {
     assert_eq!(played.items, "200.000 ms: 0 cloud 3 by arrival from 200 ms\n");
 }
 
-#[tokio::test(start_paused = true)]
-async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns() {
-    let config = Config { window: 1, ..Config::default() };
-    let played = play(Script::new(), config, &[0, 10, 30]).await;
-    assert_eq!(
-        played.items,
-        "10.000 ms: 1 refused full\n20.000 ms: 0 local by arrival from 20 ms\n\
-         50.000 ms: 2 local by arrival from 50 ms\n"
-    );
-    assert_eq!(played.tally.refused.get(&OpenRefusal::Full), Some(&1));
-}
-
 /// D4.
 #[tokio::test(start_paused = true)]
 async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
@@ -126,17 +57,6 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
          125.000 ms: 4 local by arrival from 125 ms\n230.000 ms: 5 local by timer from 150 ms\n"
     );
     assert_eq!(cloud.sent_bytes, 400);
-}
-
-/// D3.
-#[tokio::test(start_paused = true)]
-async fn results_go_as_they_are_decided_not_in_the_order_of_messages() {
-    let act = |t| if t == 0 { Never } else { Answers(5) };
-    let played = play_default(Script::new().cloud(1, 100, act), &[0, 10]).await;
-    assert_eq!(
-        played.items,
-        "15.000 ms: 1 cloud 1 by arrival from 15 ms\n100.000 ms: 0 local by timer from 20 ms\n"
-    );
 }
 
 /// D1, D11.
