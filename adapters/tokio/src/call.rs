@@ -14,7 +14,8 @@ use crate::side_counts::SideCounts;
 pub struct Call {
     /// The message's timestamp.
     pub timestamp: u64,
-    /// The time left: without what was spent in the queue, with the time to linger.
+    /// The time left for the call: the request's deadline, less the time in the queue, plus the time to
+    /// [linger](crate::Cloud::linger).
     pub deadline: Duration,
     /// What the message comes from, if it was written with that.
     pub lineage: Option<Arc<Lineage>>,
@@ -29,7 +30,7 @@ pub(crate) enum ByteCounter {
 }
 
 impl Call {
-    /// A call for a handle that you drive yourself; what it sends is counted for cloud `priority`.
+    /// Returns a call for a handle that you drive yourself. The bytes that it sends are counted for cloud `priority`.
     #[must_use]
     pub const fn new(
         timestamp: u64,
@@ -41,14 +42,14 @@ impl Call {
         Self { timestamp, deadline, lineage: None, byte_counter }
     }
 
-    /// The same about a message with this lineage.
+    /// Returns this call with the lineage of its message.
     #[must_use]
     pub fn with_lineage(mut self, lineage: Option<Arc<Lineage>>) -> Self {
         self.lineage = lineage;
         self
     }
 
-    /// Counts bytes sent, the price of speculation.
+    /// Counts bytes that the call sends. They appear in the tally of its cloud or side request.
     pub fn sent(&self, bytes: usize) {
         match &self.byte_counter {
             ByteCounter::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),

@@ -11,11 +11,11 @@ use crate::stream::{Reader, StreamMessage};
 pub type Items<O> = Reader<Item<O>>;
 
 impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {
-    /// This reader for the last items alone: one for each message, under progressive too.
+    /// Returns this reader without preliminary items: it gives one item for each message, under progressive too.
     ///
-    /// Preliminary items are kept back, at most one for each open message. If no better one comes, the last of them is given
-    /// as forwarded once it is final; its value is copied if other readers share it. One that was read before is not given
-    /// again: its message's item is final, without a value.
+    /// The reader keeps at most one preliminary item for each open message. If no better result comes, it gives that item as
+    /// forwarded once it is final. The value is copied if other readers share it. A preliminary item that was read before this
+    /// call is not given again: the item of its message is then final, without a value.
     #[must_use]
     pub fn last_only(mut self) -> Self {
         let mut preliminary = BTreeMap::<u64, Arc<Item<O>>>::new();

@@ -77,16 +77,34 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
         )
     }
 
-    /// A blocking function on a thread of its own.
+    /// Computes with a blocking function, on a thread of its own. The function may keep state.
+    ///
+    /// ```
+    /// # use fuseline_tokio::Local;
+    /// let mut messages = 0_u64;
+    /// let local: Local<String, u64> = Local::blocking(move |_message, _timestamp| {
+    ///     messages += 1;
+    ///     Ok(messages)
+    /// });
+    /// ```
     #[must_use]
     pub fn blocking(compute: impl FnMut(&I, u64) -> Result<O, Error> + Send + 'static) -> Self {
         Self::new(1, LocalKind::Threads(vec![Box::new(compute)], None))
     }
 
-    /// A blocking function on each of `at_once` (at least 1) threads; `make` makes one for each
-    /// thread, with its own state, and again for one that is [replaced](Self::replaceable).
+    /// Computes with a blocking function on each of `at_once` (at least 1) threads.
     ///
-    /// A computation of 300 ms needs four threads to keep pace with ten messages a second.
+    /// `make` returns the function for one thread, with its own state. It is called again for a thread that is
+    /// [replaced](Self::replaceable). A computation of 300 ms needs four threads to keep pace with ten messages a second.
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use fuseline_tokio::Local;
+    /// let local: Local<Vec<f32>, f32> = Local {
+    ///     deadline: Some(Duration::from_millis(400)),
+    ///     ..Local::threads(4, || |message: &Vec<f32>, _timestamp| Ok(message.iter().sum()))
+    /// };
+    /// ```
     #[must_use]
     pub fn threads<F>(at_once: usize, mut make: impl FnMut() -> F + Send + 'static) -> Self
     where

@@ -62,19 +62,38 @@ impl<I, O: Send + 'static> Setup<I, O> {
         }
     }
 
-    /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
+    /// Registers a cloud, and returns its [`Cloud`], in which you set its name and bounds.
     ///
-    /// - `handle` makes the call, in a task of its own, and must not block: it would hold up calls that share its thread, on a
-    ///   runtime of one thread the operator. [`EncodeOnce`](crate::EncodeOnce) encodes in a thread first. Dropping its future must abort the call:
-    ///   that happens when its timer fires or another result is forwarded (F5, F7). An error or a
-    ///   panic is a failure (F4).
-    /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
-    ///   keep state. It must not block either. `None` or a
-    ///   panic makes no request to this cloud; the handler is called again with the next message.
-    /// - `response_handler` turns the response into the output, in the call's task, when it
-    ///   arrives, and must not block either. An error or a panic is a failure (F4). The result counts as arrived when the
-    ///   handler is done.
-    /// - `priority` is from 1 to 65535, different for each cloud; the greater wins.
+    /// - `message_handler` gets each accepted message and its timestamp, in the operator's task. It returns the request and
+    ///   its deadline, or `None` to send no request for this message. A panic sends none either.
+    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call, because the operator drops it
+    ///   when the request is due or another result is forwarded (F5, F7). An error or a panic is a failure (F4).
+    /// - `response_handler` turns the response into the output, in the call's task. The result counts as arrived when the
+    ///   handler returns. An error or a panic is a failure (F4).
+    /// - `priority` is from 1 to 65535 and different for each cloud. The greater priority wins.
+    ///
+    /// No handler may block: it would delay the calls that share its thread, and on a runtime of one thread the operator.
+    /// [`EncodeOnce`](crate::EncodeOnce) encodes requests in a thread. Section 3 of `SPEC.md` defines the rules F1 to F9.
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use fuseline_tokio::{Call, Error, Setup};
+    /// # struct Frame { pixels: Vec<u8> }
+    /// # async fn detect(_pixels: Vec<u8>, _time_left: Duration) -> Result<Vec<String>, Error> { Ok(Vec::new()) }
+    /// # fn setup(setup: &mut Setup<Frame, Vec<String>>) {
+    /// // The call: it gets the request, and knows how much time is left.
+    /// let handle = |pixels: Vec<u8>, call: Call| async move { detect(pixels, call.deadline).await };
+    /// // The request for a message, and its deadline.
+    /// let message_handler = |frame: &Frame, _timestamp| {
+    ///     let is_dark = frame.pixels.iter().all(|pixel| *pixel < 8);
+    ///     (!is_dark).then(|| (frame.pixels.clone(), Duration::from_millis(500)))
+    /// };
+    /// // The output from a response.
+    /// let response_handler = |objects: Vec<String>| Ok(objects);
+    /// let cloud = setup.use_cloud(handle, message_handler, response_handler, 1);
+    /// cloud.name = "west".to_owned();
+    /// # }
+    /// ```
     pub fn use_cloud<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
@@ -91,12 +110,30 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self.use_stamped_cloud(handle, message_handler, response_handler, priority)
     }
 
-    /// The same for a cloud whose replies say of which message they are.
+    /// Registers a cloud whose responses say which message their value is of, as [`use_cloud`](Self::use_cloud) does.
     ///
-    /// `response_handler` reads that from the reply, as the field `of` of the output: never the timestamp of the call, which a
-    /// mixed up reply does not know. A value of another message than [`Cloud::max_age`] allows is a failure (F4). Of a blend
-    /// of values it is the oldest's. A reply may also say for which message it is meant, in the field `meant_for`: a value
-    /// that is meant for another message is a failure too (D18).
+    /// `response_handler` reads the timestamp of that message from the response and returns it in the field `of`. It must
+    /// not use the timestamp of the call, which says nothing about a mixed-up response. The oldest message counts for a blend
+    /// of values. A value of an older message than [`Cloud::max_age`] allows is a failure (F4).
+    ///
+    /// The field `meant_for` may say which message the value is meant for. A value that is meant for another message is a
+    /// failure, too (D18).
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use fuseline_tokio::{Call, Error, Setup, StampedValue};
+    /// # struct Plan { made_from: u64, speed: f32 }
+    /// # async fn plan(timestamp: u64, _: Call) -> Result<Plan, Error> { Ok(Plan { made_from: timestamp, speed: 1.0 }) }
+    /// # fn setup(setup: &mut Setup<(), f32>) {
+    /// let message_handler = |_: &(), timestamp| Some((timestamp, Duration::from_millis(500)));
+    /// let response_handler = |plan: Plan| {
+    ///     Ok(StampedValue { of: Some(plan.made_from), ..StampedValue::from(plan.speed) })
+    /// };
+    /// let cloud = setup.use_stamped_cloud(plan, message_handler, response_handler, 1);
+    /// // A plan may be of one of the last five messages.
+    /// cloud.max_age = 5;
+    /// # }
+    /// ```
     pub fn use_stamped_cloud<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
@@ -134,21 +171,36 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Registers side requests: for what helps local with later messages and is no result of
-    /// this one, such as a plan for what may happen.
+    /// Registers side requests, whose answers help local with later messages and never become an output.
     ///
-    /// The machine does not know of them: no output waits for an answer, and no answer becomes
-    /// an output. A request by [`use_cloud`](Self::use_cloud) holds local's result back until it
-    /// is answered, fails or times out (F3).
+    /// The machine does not know of side requests, so no output waits for an answer. A request by
+    /// [`use_cloud`](Self::use_cloud) holds local's result back until it is answered, fails or is due (F3).
     ///
-    /// - `handle` makes the call as for a cloud, within the time left. When that is over, or
-    ///   the operator ends, its future is dropped.
-    /// - `message_handler` looks at each message that was taken on, after the clouds' handlers, and must
-    ///   not block. `None` makes no call.
+    /// - `handle` makes the call, as for a cloud. Its future is dropped when the deadline or the operator ends.
+    /// - `message_handler` gets each accepted message after the clouds' handlers, and must not block. `None` makes no call.
     /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
-    ///   [shared](crate::SharedState) state. `Ok` counts as answered, an error as failed.
+    ///   [shared](crate::SharedState) state. `Ok` counts as answered, and an error as failed.
     ///
     /// Requests are gated and bounded like a cloud's.
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use fuseline_tokio::{Call, Error, Local, Setup, SharedState};
+    /// # async fn route(_position: u32, _: Call) -> Result<Vec<u32>, Error> { Ok(Vec::new()) }
+    /// # fn setup(setup: &mut Setup<u32, u32>) -> Local<u32, u32> {
+    /// let waypoints = SharedState::new(Vec::<u32>::new());
+    /// let message_handler = |position: &u32, _timestamp| Some((*position, Duration::from_secs(2)));
+    /// let store = waypoints.clone();
+    /// let response_handler = move |route: Vec<u32>| {
+    ///     store.with(|waypoints| *waypoints = route);
+    ///     Ok(())
+    /// };
+    /// setup.use_side_request(route, message_handler, response_handler);
+    /// Local::blocking(move |position, _timestamp| {
+    ///     Ok(waypoints.with(|waypoints| waypoints.first().copied()).unwrap_or(*position))
+    /// })
+    /// # }
+    /// ```
     pub fn use_side_request<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
@@ -181,20 +233,30 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.sides[last].side
     }
 
-    /// Hands on results that came too late for their messages, with their age, so that local can use
-    /// them for later ones. A hint never becomes an output.
+    /// Sets the function that gets each result that came too late for its message, with its age, so that local can use it
+    /// for later messages. A hint never becomes an output.
     ///
-    /// These are results dropped as `late` or `superseded`, local's too, if their message is one of the
-    /// last 1024. Aborted calls have no result: let clouds [linger](Cloud::linger).
-    /// `take_hint` is called in the operator's task and must not block.
+    /// The function gets results that were dropped as `late` or `superseded`, local's too, if their message is one of the
+    /// last 1024. An aborted call has no result, so set how long a cloud's calls [linger](Cloud::linger). `take_hint` is
+    /// called in the operator's task and must not block.
+    ///
+    /// ```
+    /// # use fuseline_tokio::{Hint, Setup, SharedState};
+    /// # fn setup(setup: &mut Setup<u32, String>) {
+    /// let latest = SharedState::new(None);
+    /// let store = latest.clone();
+    /// setup.on_late_result(move |hint: Hint<String>| store.with(|latest| *latest = Some(hint)));
+    /// # }
+    /// ```
     pub fn on_late_result(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
         self.hints = Some(Box::new(take_hint));
         self
     }
 
-    /// Takes over the state of each result that is sent, local's or a cloud's, as `state_of` reads it from the output (E10).
+    /// Updates `state` with each result that is sent, local's or a cloud's (E10). `state_of` reads the new state from the
+    /// output.
     ///
-    /// It is called in the operator's task and must not block. After a panic the state stays as it was.
+    /// `state_of` is called in the operator's task and must not block. After a panic the state stays as it was.
     pub fn use_state<S: Clone + Send + 'static>(
         &mut self,
         state: &CarriedState<S>,
@@ -205,12 +267,19 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Gives what is sent for a message that is missed or refused, such as the last plan or a safe stop (E4). The item is
-    /// [marked](Item::substitute); its ending and the trace stay as they are.
+    /// Sets the function that returns the value to send for a message that is missed or refused, such as the last plan or a
+    /// safe stop (E4). The item is [marked](Item::substitute); its ending and the trace stay as they are.
     ///
     /// A message with an [end-to-end deadline](crate::Lineage::within) is then missed early enough to leave the
     /// [reserve](crate::Config::reserve) to the operators downstream. `substitute` gets the item, is called in the operator's
     /// task and must not block. `None` or a panic sends the item without a value.
+    ///
+    /// ```
+    /// # use fuseline_tokio::Setup;
+    /// # fn setup(setup: &mut Setup<u32, &'static str>) {
+    /// setup.use_substitute(|_item| Some("stop"));
+    /// # }
+    /// ```
     pub fn use_substitute(
         &mut self,
         substitute: impl FnMut(&Item<O>) -> Option<O> + Send + 'static,

@@ -44,10 +44,10 @@ class Local(Generic[M, V]):
         if waiting is not None:
             check_count(waiting, 0, "messages that wait for local")
         if deadline is not None and nanoseconds(deadline) == 0:
-            raise ConfigError("a deadline of 0 for local; every message would be refused")
+            raise ConfigError("local's deadline is 0, so every message would be refused; give a longer one")
         if may_lose_results and deadline is None:
             raise ConfigError(
-                "a local whose results can be lost needs a deadline, to know that it is"
+                "a local whose results can be lost needs a deadline, so that a lost result is noticed"
             )
         self._compute = compute
         self._make = make
@@ -82,15 +82,22 @@ class Local(Generic[M, V]):
             compute: Takes a message and its timestamp.
             at_once: How many computations may run at once.
             deadline: How long one may take (F1): seconds as a float, a timedelta, or nanoseconds as
-                `fuseline.ns`. With None, a message whose computation never ends stays open. One
-                that runs for longer is counted as lost and logged, and keeps its place.
+                `fuseline.ns`. With None, a message whose computation never ends stays open. A
+                computation that runs for longer is logged and counted as lost, and it occupies its
+                place until it ends.
             waiting: How many messages may wait for a computation, by default as many as the window
                 holds; for one more, local fails for the oldest, which only clouds can answer (D17).
             skip_answered: Whether a computation that has not begun is skipped once its message is
                 answered.
             may_lose_results: Whether a result can be lost on its way, as over a topic. If so, a
                 computation that has not ended within the deadline counts as lost, and its place is
-                free again; otherwise it keeps its place until it ends.
+                free again; otherwise it occupies its place until it ends.
+
+        >>> import asyncio
+        >>> async def double(number, timestamp):
+        ...     await asyncio.sleep(0)
+        ...     return 2 * number
+        >>> local = Local.task(double, at_once=2, deadline=0.4)
         """
         if not is_async(compute):
             raise ConfigError(
@@ -112,6 +119,8 @@ class Local(Generic[M, V]):
 
         The arguments are as for `task`; `workers` computations run at once. Python does not wait
         for these threads when it ends.
+
+        >>> local = Local.threads(lambda number, timestamp: 2 * number, workers=2)
         """
         _plain(compute, "Local.threads")
 
@@ -131,12 +140,17 @@ class Local(Generic[M, V]):
         skip_answered: bool = False,
         replaceable: int | None = None,
     ) -> Local[M, V]:
-        """Computes in threads, each with a function of its own that `make` makes.
+        """Computes in threads, each with a function of its own that `make` returns.
 
-        So each may keep state, such as a model that was loaded. The arguments are as for
-        `threads`. One that has run for longer than the deadline is replaced, by a thread with a
-        function made anew, while no more than `replaceable` such have not ended; by default as many
+        So each function may keep state, such as a model that was loaded. The arguments are as for
+        `threads`. A thread whose computation exceeds the deadline is replaced, and `make` is called
+        again for the new thread. Up to `replaceable` such threads may still run; by default as many
         as there are workers.
+
+        >>> def load():
+        ...     model = {"gain": 2}  # loaded once in each thread
+        ...     return lambda number, timestamp: model["gain"] * number
+        >>> local = Local.threads_of(load, workers=2)
         """
         check_function(make, "what makes local")
         if replaceable is not None:
@@ -164,6 +178,9 @@ class Local(Generic[M, V]):
         with the operator; when one dies, what it was computing fails, and another takes over. One
         that still computes a second after the operator has ended is killed. The arguments are as
         for `task`; `workers` computations run at once.
+
+        >>> import math
+        >>> local = Local.processes(math.hypot, workers=2)
         """
         _plain(compute, "Local.processes")
 
@@ -210,7 +227,7 @@ class Local(Generic[M, V]):
         try:
             self._pool.replace(future)
         except Exception:
-            _log.exception("local cannot be made anew")
+            _log.exception("local's worker cannot be replaced")
 
     async def _run_apart(self, message: M, timestamp: int) -> V:
         """Computes one message in a thread, or in the process that the thread waits for."""

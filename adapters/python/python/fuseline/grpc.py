@@ -131,7 +131,7 @@ class Remote:
         self.url = url
         self._token = Token(token) if isinstance(token, str) else token
         if self._token is not None and not is_secure:
-            _log.warning("the token can be read on the way, for %s is not https", url)
+            _log.warning("anybody on the way can read the token, because %s is not https", url)
         self._target = parts.netloc
         self._credentials = (ca, identity) if is_secure else None
         self._server_name = server_name
@@ -269,6 +269,21 @@ class Server:
 
     Raises:
         ConfigError: if clients' certificates are asked for without one of the server's own.
+
+    >>> import asyncio
+    >>> from fuseline import Operator
+    >>> async def upper(payload, call):  # the cloud's computation
+    ...     return payload.upper()
+    >>> async def main():
+    ...     async with Server(upper) as server, Remote(server.url) as west:
+    ...         operator = Operator(lambda text, t: text)
+    ...         send = lambda text, t: (text.encode(), 5.0)
+    ...         operator.use_cloud(west.infer, send, bytes.decode, 1)
+    ...         async with operator:
+    ...             operator.feed(["hello"])
+    ...             return [item.value async for item in operator]
+    >>> asyncio.run(main())
+    ['HELLO']
     """
 
     def __init__(
