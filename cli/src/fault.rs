@@ -24,9 +24,11 @@ pub(crate) enum Fault {
     Create { name: String, source: io::Error },
     #[error("{name}: {}; name a folder that can be written to", plain(.source))]
     Folder { name: String, source: io::Error },
-    #[error("{output}: it is what is read as {input}; name another file for the output")]
+    #[error(
+        "{output}: this is the same file as the input {input}; name another file for the output"
+    )]
     Same { output: String, input: String },
-    #[error("{name}:1: {source}; mend the header")]
+    #[error("{name}:1: {source}; correct the header")]
     Config { name: String, source: ConfigError },
     #[error("standard output: {}", plain(.0))]
     Output(io::Error),

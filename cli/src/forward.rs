@@ -70,7 +70,7 @@ pub(crate) async fn forward(
                     connections.spawn(forward_connection(socket, connection.clone(), network));
                 }
                 Err(error) => {
-                    warn!(%error, "no connection can be taken on");
+                    warn!(%error, "a connection cannot be accepted");
                     sleep(BREATH).await;
                 }
             },

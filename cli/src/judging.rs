@@ -277,7 +277,7 @@ struct Tolerance {
 /// An option whose meaning holds always.
 #[derive(Debug, Error)]
 #[error(
-    "--require-judged is no option any more: a trace in which nothing is judged is in doubt (exit code 3); leave it out"
+    "--require-judged no longer exists: a trace in which nothing is judged is in doubt (exit code 3); leave it out"
 )]
 struct RequireJudgedError;
 
@@ -285,10 +285,10 @@ struct RequireJudgedError;
 #[derive(Debug, Error)]
 enum ToleranceError {
     #[error(
-        "no --tolerance without a source; give one for all other stamps, such as --tolerance 2ms"
+        "the other stamps have no tolerance; give a --tolerance without a source, such as --tolerance 2ms"
     )]
     None,
-    #[error("--tolerance without a source a second time; give it once")]
+    #[error("--tolerance without a source is given twice; give it once")]
     Twice,
     #[error("{file}: no source {name:?} for --tolerance; the header has {known}")]
     Unknown { file: String, name: String, known: String },

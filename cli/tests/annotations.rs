@@ -87,7 +87,8 @@ fn attempts_are_of_observed_traces() {
     for command in [&["check"][..], &["replay"]] {
         let refused = run(command, hedged);
         assert_eq!(refused.status.code(), Some(2));
-        let message = "stdin:3:51: key \"try\" stands in traces alone that are judged as observed";
+        let message =
+            "stdin:3:51: key \"try\" is allowed only in traces that are judged as observed";
         assert!(err(&refused).contains(message), "{}", err(&refused));
     }
 }

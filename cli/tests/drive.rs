@@ -469,9 +469,9 @@ fn each_way_to_misbehave_has_its_words() {
         (endless, "60s", "it answered more than 1000 lines without {\"ev\":\"done\"}"),
         (long, "60s", "it answered a line over 64 KiB"),
         (twice, "60s", "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
-        (lingers, "10s", "it ran on for 10 s after its input ended"),
-        (fails, "60s", "it failed at its end: exit status: 3"),
-        (crashes, "60s", "it failed at its end: signal: 6"),
+        (lingers, "10s", "it was still running after 10 s, although its input had ended"),
+        (fails, "60s", "it ended with a failure: exit status: 3"),
+        (crashes, "60s", "it ended with a failure: signal: 6"),
     ] {
         // Nothing is demanded of an open that is accepted, so `done` alone can conform.
         let options = ["--wait", wait, "--run", "-"];
@@ -564,7 +564,7 @@ fn results_do_not_go_onto_what_is_driven() {
     for options in [&["--junit", file][..], &["--force", "--save", here]] {
         let refused = drive(&[options, &["--run", file]].concat(), &["sh", "-c", "exit 3"]);
         assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
-        assert!(err(&refused).contains("it is what is read as"), "{}", err(&refused));
+        assert!(err(&refused).contains("this is the same file as the input"), "{}", err(&refused));
         assert_eq!(fs::read_to_string(&path).unwrap(), case);
     }
 }

@@ -58,7 +58,8 @@ fn an_output_onto_its_input_is_refused_however_it_is_named() {
             assert_eq!(refused.status.code(), Some(2), "{command:?} -o {output}");
             let printed = err(&refused);
             assert!(
-                printed.starts_with(&format!("error: {output}: it is what is read as ")),
+                printed
+                    .starts_with(&format!("error: {output}: this is the same file as the input ")),
                 "{printed}"
             );
             assert_eq!((printed.lines().count(), out(&refused)), (1, ""), "{printed}");
@@ -78,7 +79,7 @@ fn standard_input_and_output_are_files_too() {
         .output()
         .unwrap();
     assert_eq!(onto_input.status.code(), Some(2));
-    let expected = "error: link.jsonl: it is what is read as stdin; ";
+    let expected = "error: link.jsonl: this is the same file as the input stdin; ";
     assert!(err(&onto_input).starts_with(expected), "{}", err(&onto_input));
     for command in [&["replay", "t.jsonl"][..], &["convert", "--header", "hard.jsonl", "t.mcap"]] {
         let appended = fuseline(command)
@@ -88,7 +89,10 @@ fn standard_input_and_output_are_files_too() {
             .output()
             .unwrap();
         assert_eq!(appended.status.code(), Some(2));
-        assert!(err(&appended).contains("standard output: it is what is read"), "{command:?}");
+        assert!(
+            err(&appended).contains("standard output: this is the same file as "),
+            "{command:?}"
+        );
         assert_eq!(fs::read_to_string(&path).unwrap(), TRACE);
     }
 }
@@ -102,7 +106,7 @@ fn a_trace_does_not_go_onto_what_the_run_reads() {
     let args = ["run", "--for", "1s", "--drive", "west=my.csv", "--trace", "link"];
     let refused = in_directory(dir.path(), &args);
     assert_eq!(refused.status.code(), Some(2));
-    let expected = "error: link: it is what is read as my.csv";
+    let expected = "error: link: this is the same file as the input my.csv";
     assert!(err(&refused).starts_with(expected), "{}", err(&refused));
     assert_eq!(fs::read_to_string(dir.path().join("my.csv")).unwrap(), drive);
 }

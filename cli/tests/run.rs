@@ -360,7 +360,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--drive", "north=bad.csv"], "there are west, east"),
         (&["--drive", "west=bad.csv"], "bad.csv:3: rtt_ms is \"x\""),
         (&["--drive", "west=none.csv"], "no readable file \"none.csv\""),
-        (&["--drive", "west=vnperf/highway"], "which network?"),
+        (&["--drive", "west=vnperf/highway"], "has several networks"),
         (&["--start", "west=1000000s"], "beyond the drive"),
         (&["--cloud", "name=a"], "priority is missing"),
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),

@@ -88,7 +88,7 @@ pub enum DriveError {
     #[error("{name}:1: no column {wanted:?}; it has {found}")]
     NoColumn { name: String, wanted: String, found: String },
     /// The file has several networks, and the name selects none.
-    #[error("{name}:1: which network? write {name}:{}", .found.join(&format!(" or {name}:")))]
+    #[error("{name}:1: the file has several networks; name one of them: {name}:{}", .found.join(&format!(" or {name}:")))]
     ManyColumns { name: String, found: Vec<String> },
     /// A field is not a round trip.
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
@@ -100,7 +100,7 @@ pub enum DriveError {
     )]
     Time { name: String, line: u64, column: String, found: String },
     /// The drive is too short.
-    #[error("{name}: fewer than two rows; a drive needs at least two")]
+    #[error("{name}: the drive has fewer than two rows; give at least two")]
     TooShort { name: String },
     /// A field is not a rate.
     #[error(

@@ -98,7 +98,9 @@ pub fn observed_line(line: &[u8]) -> Result<(Event, Annotations), ParseError> {
     let mut annotations = LineAnnotations::default();
     match parse_as(line, Form::Observed, &mut annotations)? {
         Line::Event(event) => Ok((event, annotations.event)),
-        Line::Header(_) => Err(ParseError::at(0, "a header, where an event is expected")),
+        Line::Header(_) => {
+            Err(ParseError::at(0, "this line is a header, but an event is expected"))
+        }
     }
 }
 
@@ -136,14 +138,14 @@ pub(crate) fn parse_as(
         ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
     })?;
     if text.starts_with('\u{feff}') {
-        return Err(ParseError::at(0, "a byte-order mark; a trace has none"));
+        return Err(ParseError::at(0, "the line begins with a byte-order mark; remove it"));
     }
     if text.ends_with('\r') {
         return Err(ParseError::at(text.len() - 1, "the line ends in CR LF; end it in LF alone"));
     }
     let mut scan = Scan::new(text);
     if scan.peek().is_none() {
-        return Err(ParseError::at(0, "a blank line; take it out"));
+        return Err(ParseError::at(0, "the line is blank; remove it"));
     }
     let mut fields = Fields::default();
     fields.read(&mut scan)?;
@@ -284,7 +286,7 @@ impl<'a> Fields<'a> {
         if let Some(key) = self.seen.without(kind.keys(form)).first() {
             let name = key.name();
             let message = if kind.keys_of_observed().contains(key) {
-                format!("key \"{name}\" stands in traces alone that are judged as observed")
+                format!("key \"{name}\" is allowed only in traces that are judged as observed")
             } else {
                 format!("key \"{name}\" has no place in {}", kind.takes(form))
             };
@@ -323,7 +325,8 @@ impl<'a> Fields<'a> {
             return Err(self.fault(Key::Try, message));
         }
         if seq.is_some() && self.origin.is_none() {
-            let message = "key \"seq\" without \"origin\", the stream that it counts in";
+            let message =
+                "key \"seq\" is given without key \"origin\"; name the stream that it counts in";
             return Err(self.fault(Key::Seq, message));
         }
         Ok(Annotations {
@@ -434,7 +437,10 @@ fn clouds(scan: &mut Scan<'_>) -> Result<(Vec<Cloud>, BTreeMap<u64, u64>), Parse
         let offset = scan.offset();
         let (cloud, max_age) = cloud(scan)?;
         if clouds.len() == CLOUDS {
-            return Err(ParseError::at(offset, "a sixteenth cloud; a header lists up to 15"));
+            return Err(ParseError::at(
+                offset,
+                "the header lists a sixteenth cloud; it may list up to 15",
+            ));
         }
         // Equal priorities are refused (A10).
         if clouds.iter().any(|other| other.p == cloud.p) {
@@ -480,7 +486,7 @@ fn cloud(scan: &mut Scan<'_>) -> Result<(Cloud, Option<u64>), ParseError> {
     // `resume` is `limit − 1` unless the header says otherwise (F2g).
     let resume = resume.unwrap_or(limit - 1);
     if resume >= limit {
-        let message = format!("resume {resume} is not below limit {limit}; make it less");
+        let message = format!("resume {resume} is not below limit {limit}; give a lower resume");
         return Err(ParseError::at(start, message));
     }
     Ok((Cloud { p: u16::try_from(p).unwrap_or(u16::MAX), name, limit, resume }, max_age))
@@ -519,7 +525,7 @@ fn choice<T>(
 }
 
 fn twice(offset: usize, key: &str) -> ParseError {
-    ParseError::at(offset, format!("key \"{key}\" a second time; write it once"))
+    ParseError::at(offset, format!("key \"{key}\" is given twice; give it once"))
 }
 
 /// Returns the start of a text that may be long, safe to show on a terminal.

@@ -36,16 +36,16 @@ pub enum Defect {
     #[error("the trace is empty; its first line is a header")]
     Empty,
     /// The first line is an event.
-    #[error("an event where the header should be; a trace begins with {{\"fuseline\":1,…}}")]
+    #[error("the first line is an event, but a trace begins with a header: {{\"fuseline\":1,…}}")]
     NoHeader,
     /// A header comes after the first line.
-    #[error("a second header; put each trace in its own file")]
+    #[error("the file has a second header; put each trace in its own file")]
     SecondHeader,
     /// The last line has no `\n`.
     #[error("the last line does not end in LF; it may be cut short")]
     Unterminated,
     /// A line has more than 64 KiB.
-    #[error("a line over 64 KiB; no line needs to be as long")]
+    #[error("the line is longer than 64 KiB, the most that a trace allows")]
     TooLong,
     /// A line is not one of a trace.
     #[error("{}", .0.message)]

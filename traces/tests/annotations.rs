@@ -69,7 +69,7 @@ fn what_stands_beside_the_rules_is_read_with_its_line() {
 
 #[test]
 fn what_has_no_place_there_is_refused_where_it_stands() {
-    let observed = "stands in traces alone that are judged as observed";
+    let observed = "is allowed only in traces that are judged as observed";
     for (name, column) in [("request", 44), ("result", 35), ("fail", 33)] {
         let due = if name == "request" { r#","due":9"# } else { "" };
         let line = format!(r#"{{"ev":"{name}","at":1,"t":2,"p":1{due},"try":0}}"#);
@@ -92,7 +92,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
         ),
         (
             r#"{"ev":"open","at":1,"t":2,"seq":7}"#,
-            "2:27: key \"seq\" without \"origin\", the stream that it counts in",
+            "2:27: key \"seq\" is given without key \"origin\"; name the stream that it counts in",
         ),
         (r#"{"ev":"open","at":1,"t":2,"origin":7}"#, "2:36: expected a name in quotes, found `7`"),
         (
@@ -105,7 +105,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
         ),
         (
             r#"{"ev":"open","at":1,"t":2,"missing":["left"],"missing":[]}"#,
-            "2:46: key \"missing\" a second time; write it once",
+            "2:46: key \"missing\" is given twice; give it once",
         ),
         (
             r#"{"ev":"emit","at":1,"t":2,"p":1,"try":1}"#,

@@ -27,11 +27,11 @@ fn refused(cases: &[Refused<'_>]) {
 #[test]
 fn what_is_no_object_is_refused() {
     refused(&[
-        (b"", 1, "a blank line; take it out"),
-        (b" \t ", 1, "a blank line; take it out"),
+        (b"", 1, "the line is blank; remove it"),
+        (b" \t ", 1, "the line is blank; remove it"),
         (b"\r", 1, "the line ends in CR LF; end it in LF alone"),
         (b"{\"ev\":\"tick\",\"at\":1}\r", 21, "the line ends in CR LF; end it in LF alone"),
-        (b"\xef\xbb\xbf{}", 1, "a byte-order mark; a trace has none"),
+        (b"\xef\xbb\xbf{}", 1, "the line begins with a byte-order mark; remove it"),
         (b"{\"ev\":\"\xff\"}", 8, "invalid UTF-8; a trace is UTF-8 text"),
         (b"{\"ev\":\"tick\",\"x\":\"\xed\xa0\x80\"}", 19, "invalid UTF-8; a trace is UTF-8 text"),
         (b"\x1b[31m", 1, "expected `{` at the start of a line, found `\\u{1b}`"),
@@ -134,10 +134,10 @@ fn keys_that_do_not_fit_the_event_are_refused() {
             34,
             "key \"why\" is missing in a refuse line; it takes ev, at, t, p, why, x",
         ),
-        (b"{\"at\":1,\"at\":1}", 9, "key \"at\" a second time; write it once"),
-        (b"{\"at\":1,\"\\u0061t\":1}", 9, "key \"at\" a second time; write it once"),
-        (b"{\"x\":1,\"x\":1}", 8, "key \"x\" a second time; write it once"),
-        (b"{\"ev\":\"tick\",\"ev\":\"tick\"}", 14, "key \"ev\" a second time; write it once"),
+        (b"{\"at\":1,\"at\":1}", 9, "key \"at\" is given twice; give it once"),
+        (b"{\"at\":1,\"\\u0061t\":1}", 9, "key \"at\" is given twice; give it once"),
+        (b"{\"x\":1,\"x\":1}", 8, "key \"x\" is given twice; give it once"),
+        (b"{\"ev\":\"tick\",\"ev\":\"tick\"}", 14, "key \"ev\" is given twice; give it once"),
     ]);
 }
 
@@ -218,20 +218,20 @@ fn headers_beyond_their_limits_are_refused() {
         (b"{\"clouds\":[{\"p\":1}]}", 12, &format!("key \"limit\" is missing in {takes}")),
         (b"{\"clouds\":[{\"limit\":1}]}", 12, &format!("key \"p\" is missing in {takes}")),
         (b"{\"clouds\":[{\"q\":1}]}", 13, &format!("unknown key \"q\" in {takes}")),
-        (b"{\"clouds\":[{\"p\":1,\"p\":1}]}", 19, "key \"p\" a second time; write it once"),
+        (b"{\"clouds\":[{\"p\":1,\"p\":1}]}", 19, "key \"p\" is given twice; give it once"),
         (b"{\"clouds\":[{\"name\":7}]}", 20, "expected a name in quotes, found `7`"),
         (b"{\"clouds\":[{\"resume\":null}]}", 22, "expected NUMBER, found `null`"),
         (
             b"{\"clouds\":[{\"p\":1,\"limit\":5,\"resume\":5}]}",
             12,
-            "resume 5 is not below limit 5; make it less",
+            "resume 5 is not below limit 5; give a lower resume",
         ),
         (
             b"{\"clouds\":[{\"p\":7,\"limit\":5},{\"p\":7,\"limit\":9}]}",
             30,
             "a second cloud with p 7; give each its own",
         ),
-        (sixteen.as_bytes(), last, "a sixteenth cloud; a header lists up to 15"),
+        (sixteen.as_bytes(), last, "the header lists a sixteenth cloud; it may list up to 15"),
         (
             b"{\"clouds\":[{\"p\":1,\"limit\":1},]}",
             30,

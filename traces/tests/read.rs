@@ -43,7 +43,7 @@ fn a_trace_without_a_header_is_refused() {
     assert_eq!(error(b""), "a.jsonl:1:1: the trace is empty; its first line is a header");
     assert_eq!(
         error(format!("{TICK}\n").as_bytes()),
-        "a.jsonl:1:1: an event where the header should be; a trace begins with {\"fuseline\":1,…}"
+        "a.jsonl:1:1: the first line is an event, but a trace begins with a header: {\"fuseline\":1,…}"
     );
 }
 
@@ -52,7 +52,7 @@ fn a_second_header_is_refused() {
     let trace = format!("{HEADER}\n{TICK}\n{HEADER}\n{TICK}\n");
     assert_eq!(
         error(trace.as_bytes()),
-        "a.jsonl:3:1: a second header; put each trace in its own file"
+        "a.jsonl:3:1: the file has a second header; put each trace in its own file"
     );
 }
 
@@ -67,18 +67,18 @@ fn a_last_line_without_its_end_is_refused() {
 #[test]
 fn errors_of_a_line_bear_file_line_and_column() {
     let with = |line: &str| error(format!("{HEADER}\n{TICK}\n{line}\n").as_bytes());
-    assert_eq!(with(""), "a.jsonl:3:1: a blank line; take it out");
+    assert_eq!(with(""), "a.jsonl:3:1: the line is blank; remove it");
     assert_eq!(
         with(&format!("{TICK}\r")),
         "a.jsonl:3:21: the line ends in CR LF; end it in LF alone"
     );
     assert_eq!(
         with(&format!("\u{feff}{TICK}")),
-        "a.jsonl:3:1: a byte-order mark; a trace has none"
+        "a.jsonl:3:1: the line begins with a byte-order mark; remove it"
     );
     assert_eq!(
         error(format!("\u{feff}{HEADER}\n").as_bytes()),
-        "a.jsonl:1:1: a byte-order mark; a trace has none"
+        "a.jsonl:1:1: the line begins with a byte-order mark; remove it"
     );
     let mut bytes = format!("{HEADER}\n{TICK}\n").into_bytes();
     bytes.extend_from_slice(b"{\"ev\":\"t\xffck\"}\n");
@@ -96,7 +96,7 @@ fn reads_64_kib_lines_and_refuses_longer_ones() {
     assert_eq!(read(trace(LINE).as_bytes()).unwrap().len(), 2);
     assert_eq!(
         error(trace(LINE + 1).as_bytes()),
-        "a.jsonl:2:65537: a line over 64 KiB; no line needs to be as long"
+        "a.jsonl:2:65537: the line is longer than 64 KiB, the most that a trace allows"
     );
     // The error about the length comes before any other error of the line.
     assert!(error(format!("{HEADER}\n{}", line(LINE + 1)).as_bytes()).contains("over 64 KiB"));

@@ -167,7 +167,7 @@ impl Counts {
 
     /// Notes that a recording ends here.
     pub(crate) fn recording_error(&self, why: &str) {
-        error!(why, "the recording ends here; the operator goes on");
+        error!(why, "the trace ends here, because it cannot be written; the operator continues");
         lock(&self.recording_error).get_or_insert_with(|| why.into());
     }
 

@@ -53,7 +53,7 @@ impl Lag {
                 operator = &*self.operator,
                 ?lag,
                 times,
-                "the event loop was held up: a timer was served late"
+                "the event loop was blocked, so a timer was served late"
             );
         }
     }

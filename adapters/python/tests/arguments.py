@@ -171,7 +171,7 @@ def linger(**of: Any) -> None:
 
 LOCAL_OPTIONS = {"workers": 1, "deadline": 0.5, "waiting": 4, "skip_answered": True}
 LOCAL_BAD: dict[str, Bad] = {
-    "deadline": [(0.0, ConfigError, "a deadline of 0 for local"), *DURATION],
+    "deadline": [(0.0, ConfigError, "local's deadline is 0"), *DURATION],
     "waiting": but_none(count("messages that wait for local", 0)),
 }
 LOCAL_TAKEN: dict[str, list[Any]] = {"deadline": [None, ns(1)], "waiting": [None, 0]}
@@ -322,7 +322,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
     "Local.task, may_lose_results": Arguments(
         lambda deadline: Local.task(echo, deadline=deadline, may_lose_results=True),
         {"deadline": 0.5},
-        {"deadline": [(None, ConfigError, "needs a deadline, to know that it is")]},
+        {"deadline": [(None, ConfigError, "needs a deadline, so that a lost result is noticed")]},
     ),
     "Local.threads": Arguments(
         Local.threads,

@@ -174,7 +174,7 @@ def test_a_blocking_operator_leaves_no_thread_loop_or_file(tmp_path: Path) -> No
                 assert blocking.write(number) == 0
                 item = blocking.read()
                 assert item is not None and item.value == number
-                with pytest.raises(fuseline.ConfigError, match="started once"):
+                with pytest.raises(fuseline.ConfigError, match="started before"):
                     blocking.__enter__()
                 if number % 3 == 1:
                     raise KeyError(number)
@@ -406,7 +406,7 @@ def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
         join.items("objects", broken())
         join.on_drop(fails)
         async with join:
-            with pytest.raises(fuseline.ConfigError, match="started once"):
+            with pytest.raises(fuseline.ConfigError, match="started before"):
                 await join.__aenter__()
             with pytest.raises(fuseline.ConfigError, match="after the start"):
                 join.aligned("right")

@@ -198,7 +198,7 @@ def test_a_token_that_can_be_read_on_the_way_is_reported(caplog: pytest.LogCaptu
     assert not caplog.records
     Remote("http://west:1", token=Token("secret"))
     assert [it.getMessage() for it in caplog.records] == [
-        "the token can be read on the way, for http://west:1 is not https"
+        "anybody on the way can read the token, because http://west:1 is not https"
     ]
 
 

@@ -223,13 +223,13 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
 
     items, counts = asyncio.run(main(Local.threads_of(make, deadline=0.2)))
     assert items[0].value is None and items[-1].value == f"{len(items) - 1} on board"
-    assert "another takes its place" in caplog.text
+    assert "another worker replaces it" in caplog.text
     # One function for all computations may have state: it does not run beside its hung self.
     release.clear()
     items, counts = asyncio.run(main(Local.threads(make(), deadline=0.02)))
     assert [item.ending for item in items] == [Ending.MISSED] * 100
     assert counts["local", "request", "lost"] >= 1
-    assert "keeps its place" in caplog.text
+    assert "it occupies its worker until it ends" in caplog.text
 
 
 def test_a_program_ends_although_local_hangs() -> None:
@@ -332,7 +332,7 @@ def test_a_report_takes_a_list_of_paths(tmp_path: Path) -> None:
     assert page.read_bytes() == whole
     # A list of lines is still one trace.
     assert len(fuseline.report(Path(paths[0]).read_text().splitlines(True), page=page)) == 1
-    with pytest.raises(ValueError, match="where the page goes is page="):
+    with pytest.raises(ValueError, match="name the page's path with page="):
         fuseline.report(paths, str(page))
 
 

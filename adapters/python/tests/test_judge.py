@@ -176,7 +176,7 @@ fuseline.report(bytes(sys.argv[1], "ascii"), page=sys.argv[2])
         (HEADER + b'{"ev":"tick","at":-1}\n', 2, 19, None),
         (HEADER + b'{"ev":"tick","at":1}', 2, 21, "the last line does not end in LF"),
         (HEADER + HEADER, 2, 1, "a second header"),
-        (HEADER + b"x" * 70_000 + b"\n", 2, 65537, "a line over 64 KiB"),
+        (HEADER + b"x" * 70_000 + b"\n", 2, 65537, "the line is longer than 64 KiB"),
         (gzip.compress(HEADER)[:-9], 2, 1, "incomplete deflate stream"),
     ],
 )
@@ -435,5 +435,5 @@ def test_doubts_are_those_of_the_corpus(path: Path) -> None:
     assert word in verdict._repr_html_()
     accepted = judged(accept=list(sidecar["doubts"]))
     assert accepted.conforms and all(it.accepted for it in accepted.doubts)
-    with pytest.raises(ValueError, match="'rumour' is no kind of doubt; they are unjudged"):
+    with pytest.raises(ValueError, match="'rumour' is not a kind of doubt; the kinds are unjudged"):
         verdict.accepting("rumour")  # type: ignore[arg-type]

@@ -143,5 +143,5 @@ def test_a_cloud_that_is_gone_is_logged_at_first_every_ten_seconds_and_once_it_i
     assert len(lines) == 7, caplog.text
     assert [it.levelname for it in lines] == ["WARNING"] * 6 + ["INFO"]
     assert "no result will come" in lines[0].getMessage()
-    assert "still no result" in lines[1].getMessage()
-    assert "results come again" in lines[6].getMessage()
+    assert "requests still fail" in lines[1].getMessage()
+    assert "results arrive again" in lines[6].getMessage()

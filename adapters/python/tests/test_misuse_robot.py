@@ -411,7 +411,7 @@ def test_infer_in_several_threads(chunk: Chunk | None) -> None:
         ({"period": 0.1, "deadline": 0.2}, "above the period"),
         ({"deadline": 0.0}, "a deadline of 0"),
         ({"period": 0.1, "on_failure": 7}, "what is called on failures is a function"),
-        ({"period": 0.1, "chunk": Chunk(1, 4, within=0.0)}, "within 0 s"),
+        ({"period": 0.1, "chunk": Chunk(1, 4, within=0.0)}, "within is 0 s"),
         ({"period": 0.1, "chunk": Chunk(1, 4, blend=0.5)}, "a blend is a function"),  # type: ignore[arg-type]
         ({"period": 0.1, "chunk": Chunk(1, 4, split="actions")}, "a split is a function"),  # type: ignore[arg-type]
     ],

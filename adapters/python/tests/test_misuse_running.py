@@ -95,7 +95,7 @@ def test_write_after_close() -> None:
 def test_started_twice() -> None:
     async def main() -> None:
         async with operator_of() as operator:
-            with pytest.raises(ConfigError, match="started once"):
+            with pytest.raises(ConfigError, match="started before"):
                 await operator.start()
 
     asyncio.run(main())
@@ -203,7 +203,7 @@ def test_local_that_hangs(run: Run[Any], caplog: pytest.LogCaptureFixture) -> No
     (item,), counts = played(run, lambda *_: None, local=hangs)
     assert item.ending is Ending.MISSED
     assert counts["local", "request", "lost"] == 1
-    assert "keeps its place" in caplog.text
+    assert "it occupies its worker until it ends" in caplog.text
 
 
 # Values lost.

@@ -57,7 +57,7 @@ def test_what_is_no_drive_is_refused_with_its_place(tmp_path: Path) -> None:
         Drive(bad)
     with pytest.raises(OSError, match="no built-in drive and no readable file"):
         Drive("nowhere")
-    with pytest.raises(ValueError, match="which network"):
+    with pytest.raises(ValueError, match="has several networks"):
         Drive("vnperf/highway")
     with pytest.raises(ValueError, match="beyond cicv5g/rural_n8_v10"):
         RecordedNetwork("cicv5g/rural_n8_v10", start=1e6)

@@ -42,9 +42,9 @@ def hangs_once(release: threading.Event, made: list[Any]) -> Callable[[], Any]:
 @pytest.mark.parametrize(
     ("options", "words", "models"),
     [
-        ({"replaceable": 0}, "keeps its place", 1),
-        ({"replaceable": 1}, "another takes its place", 2),
-        ({"workers": 2}, "local cannot be made anew", 3),
+        ({"replaceable": 0}, "it occupies its worker until it ends", 1),
+        ({"replaceable": 1}, "another worker replaces it", 2),
+        ({"workers": 2}, "local's worker cannot be replaced", 3),
     ],
 )
 def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
@@ -82,7 +82,7 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
     asyncio.run(main())
     assert words in caplog.text
     assert len(made) == models
-    assert caplog.text.count("local cannot be made anew") == words.startswith("local")
+    assert caplog.text.count("local's worker cannot be replaced") == words.startswith("local")
 
 
 def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:

@@ -93,7 +93,7 @@ pub enum NodeError {
     #[error("the operating system: {0}")]
     System(std::io::Error),
     /// The run was not recorded whole.
-    #[error("the trace is not whole: {0}")]
+    #[error("the trace is incomplete, because writing it failed: {0}")]
     Trace(std::io::Error),
 }
 

@@ -225,7 +225,7 @@ impl Transport for NodeFusion<'_> {
         if let (Some(topic), Some(forwarded)) = (topic, item.forwarded())
             && !topic.publish(forwarded.value.clone())
         {
-            error!(timestamp, "output not sent: a subscriber is too far behind");
+            error!(timestamp, "the output is not sent, because a subscriber lags too far behind");
             intake.unsent += 1;
         }
         if !item.is_last() {

@@ -112,7 +112,9 @@ async fn configured(
         Ok(open) => {
             created.keep();
             order.done(TransitionResult::Success);
-            open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
+            open.run()
+                .await
+                .inspect_err(|error| error!(%error, "the node could not be closed properly"))
         }
         Err(error) => Err(refused(order, error)),
     };

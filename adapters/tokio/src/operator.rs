@@ -112,7 +112,7 @@ pub enum SpawnError {
     #[error("an operator must be started within a tokio runtime")]
     NoRuntime,
     /// A join has no [latest-value input](crate::Join::latest) with the name that its sets are said to be of.
-    #[error("the join has no latest-value input {name:?} that its sets could be of")]
+    #[error("{name:?} is not a latest-value input of this join; name one that is")]
     NoInput {
         /// The name.
         name: String,
@@ -177,14 +177,41 @@ pub enum JoinError {
     },
 }
 
-/// Starts an operator on the current runtime, reading `input`; returns its output stream.
+/// Starts an operator on the current runtime, and returns its handle and its output stream.
 ///
-/// When `input` ends, the operator runs on until every open message is answered, then ends its
-/// output and its trace. Timers see to that, except for a message whose local computation never
-/// ends and has no deadline.
+/// The operator reads its messages from `input`. When `input` ends, the operator answers every open message, and then ends
+/// its output and its trace. A message whose local computation never ends stays open if local has no deadline (A9).
+///
+/// ```
+/// use fuseline_tokio::{Config, Error, Local, Operator, Setup, spawn, stream};
+///
+/// struct Doubler;
+///
+/// impl Operator for Doubler {
+///     type Input = u32;
+///     type Output = u32;
+///
+///     fn setup(self, _setup: &mut Setup<u32, u32>) -> Local<u32, u32> {
+///         Local::blocking(|number, _timestamp| Ok(number * 2))
+///     }
+/// }
+///
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Error> {
+/// let (mut writer, input) = stream(8);
+/// let (running, mut output) = spawn(Doubler, Config::default(), input)?;
+/// writer.write(21)?;
+/// drop(writer); // the last message
+/// let item = output.read().await.expect("one item for each message");
+/// assert_eq!(item.forwarded().expect("local's result").value, 42);
+/// let tally = running.join().await?;
+/// assert_eq!(tally.messages, 1);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
-/// If the operator cannot be started as configured; then nothing was started.
+/// Returns an error if the operator cannot be started as configured. Nothing was started then.
 pub fn spawn<P: Operator>(
     operator: P,
     config: Config,

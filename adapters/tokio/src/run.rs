@@ -217,7 +217,7 @@ fn handled<R>(
     let called = catch_unwind(AssertUnwindSafe(call));
     counting.check_handler_time(None, begin.elapsed());
     let logged = called.map_err(|panic| {
-        error!(timestamp, handler, why = reason(&*panic), "a handler of the operator's panicked");
+        error!(timestamp, handler, why = reason(&*panic), "a handler of the operator panicked");
         counting.handler_failed(None);
     });
     logged.ok()

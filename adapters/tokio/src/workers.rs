@@ -86,7 +86,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
         let compute = catch_unwind(AssertUnwindSafe(make)).map_err(|panic| panicked(&*panic));
         let started = compute.and_then(|compute| worker.start(compute).map_err(Error::from));
         if let Err(error) = started {
-            error!(timestamp, %error, "local cannot be made anew");
+            error!(timestamp, %error, "local's worker cannot be replaced");
             return;
         }
         // One that has ended meanwhile goes on beside the new one.

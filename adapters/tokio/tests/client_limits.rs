@@ -293,7 +293,7 @@ async fn who_takes_back_calls_faster_than_it_may_is_closed() {
         }
     })
     .await;
-    LOG.wait_for_log("it takes back calls faster than it may").await;
+    LOG.wait_for_log("it cancels calls faster than it is allowed to").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -388,7 +388,7 @@ async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may()
         ended.expect("the server closes the connection").unwrap().ok();
     })
     .await;
-    LOG.wait_for_log("it does not take its replies").await;
+    LOG.wait_for_log("it does not read its replies").await;
     assert!(LOG.text().contains("the server holds as many bytes as it may"), "{}", LOG.text());
 }
 
@@ -500,7 +500,7 @@ async fn who_makes_no_calls_any_more_is_closed() {
         raw.ended().await;
     })
     .await;
-    LOG.wait_for_log("it makes no calls any more").await;
+    LOG.wait_for_log("it has made no call for too long").await;
 }
 
 /// D6: the server ends a call by itself, whatever the client does.
@@ -571,6 +571,6 @@ async fn connections_are_bounded_by_address_and_in_all() {
             LOG.wait_for_log(words).await;
         }
     };
-    under(bounds, flood(10, "its address has as many connections as it may")).await;
-    under(bounds, flood(ADDRESSES, "the server has as many connections as it may")).await;
+    under(bounds, flood(10, "its address has reached its limit of connections")).await;
+    under(bounds, flood(ADDRESSES, "the server has reached its limit of connections")).await;
 }

@@ -54,13 +54,20 @@ async fn a_cloud_that_is_gone_is_logged_at_first_every_ten_seconds_and_once_it_i
     let refuses = of("refuses");
     assert_eq!(refuses.len(), 7, "{log}");
     assert!(refuses[0].contains("WARN") && refuses[0].contains("no result will come"), "{log}");
-    assert!(refuses[1].contains("still no result") && refuses[1].contains("requests=101"), "{log}");
-    assert!(refuses[6].contains("INFO") && refuses[6].contains("results come again"), "{log}");
+    assert!(
+        refuses[1].contains("requests still fail") && refuses[1].contains("requests=101"),
+        "{log}"
+    );
+    assert!(refuses[6].contains("INFO") && refuses[6].contains("results arrive again"), "{log}");
     assert!(refuses[6].contains("requests=600 seconds=60"), "{log}");
     let hangs = of("hangs");
     assert_eq!(hangs.len(), 7, "{log}");
-    assert!(hangs[0].contains("no result in time") && hangs[0].contains("requests=16"), "{log}");
-    assert!(hangs[6].contains("results come again"), "{log}");
+    assert!(
+        hangs[0].contains("no request got its result before it was due")
+            && hangs[0].contains("requests=16"),
+        "{log}"
+    );
+    assert!(hangs[6].contains("results arrive again"), "{log}");
 }
 
 #[derive(Clone, Default)]

@@ -189,8 +189,9 @@ impl<'a> RecordedTrace<'a> {
             Some(Line::Event(event)) => Ok(Some((event, self.messages.annotations().clone()))),
             Some(Line::Header(_)) => {
                 let number = self.messages.number();
-                let message =
-                    format!("message {number}: a second header; put each trace in its own file");
+                let message = format!(
+                    "message {number}: the file has a second header; put each trace in its own file"
+                );
                 Err(Problem::of_file(&self.file.name, message))
             }
         }

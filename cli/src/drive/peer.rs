@@ -54,7 +54,7 @@ pub(super) enum PeerError {
 #[derive(Debug, Error)]
 pub(super) enum ProtocolViolation {
     #[error(
-        "it did not answer within {} s; an output that is not flushed after each answer looks so",
+        "it did not answer within {} s; check that it flushes its output after each answer",
         .0.as_secs_f64()
     )]
     Silent(Duration),
@@ -72,9 +72,9 @@ pub(super) enum ProtocolViolation {
     TooLong,
     #[error("it wrote {0:?} after {{\"ev\":\"done\"}}, before it was asked again")]
     Unasked(String),
-    #[error("it ran on for {} s after its input ended", .0.as_secs_f64())]
+    #[error("it was still running after {} s, although its input had ended", .0.as_secs_f64())]
     Lingers(Duration),
-    #[error("it failed at its end: {0}")]
+    #[error("it ended with a failure: {0}")]
     Failed(ExitStatus),
 }
 

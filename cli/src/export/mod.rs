@@ -78,7 +78,9 @@ struct Viewer {
 enum SeveralTraces {
     #[error("MCAP and OTLP take one trace; export each to a file of its own")]
     TakesOne,
-    #[error("of several traces each is read twice, which standard input cannot be; give files")]
+    #[error(
+        "several traces cannot come from standard input, because each is read twice; give files"
+    )]
     Standard,
 }
 

@@ -54,10 +54,10 @@ pub(crate) enum CloudError {
     #[error("{0:?} is not KEY=VALUE")]
     Pair(String),
     #[error(
-        "no key {0:?}; there are name, priority, model, runtime, ap, drive, start, url, ca, cert, key, token"
+        "there is no key {0:?}; the keys are name, priority, model, runtime, ap, drive, start, url, ca, cert, key, token"
     )]
     Key(String),
-    #[error("key {0:?} twice")]
+    #[error("key {0:?} is given twice; give it once")]
     Twice(String),
     #[error("{0} is missing")]
     Missing(&'static str),
@@ -91,7 +91,9 @@ impl CloudError {
 pub(crate) enum CloudsError {
     #[error("--{option} {cloud:?}: there is no such cloud; there are {clouds}")]
     Unknown { option: &'static str, cloud: String, clouds: String },
-    #[error("--{option} {cloud:?}: that cloud is elsewhere; give its server the drive")]
+    #[error(
+        "--{option} {cloud:?}: that cloud runs on its own server; give the drive to that server"
+    )]
     Elsewhere { option: &'static str, cloud: String },
     #[error("two clouds are called {0:?}; give each its own name")]
     SameName(String),

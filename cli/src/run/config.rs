@@ -23,7 +23,7 @@ struct ConfigFile {
 pub(crate) enum CloudFileError {
     #[error(transparent)]
     Read(#[from] FileError),
-    #[error("{file}: no text in UTF-8; give TOML")]
+    #[error("{file}: the file is not UTF-8 text; give a TOML file")]
     Text { file: String },
     #[error("{file}:{line}: {message}; a cloud is a table [[cloud]] with the keys of --cloud")]
     Toml { file: String, line: usize, message: String },

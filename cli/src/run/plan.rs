@@ -208,7 +208,7 @@ pub(crate) enum PlanError {
     #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
     Page(String),
     #[error(
-        "--require-clouds is no option any more: a cloud that answers nothing in time leaves the verdict in doubt (exit \
+        "--require-clouds no longer exists: a cloud that answers nothing in time leaves the verdict in doubt (exit \
          code 3); leave it out"
     )]
     RequireClouds,

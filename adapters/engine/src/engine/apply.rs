@@ -60,7 +60,7 @@ impl<V, R> Engine<V, R> {
         let chosen = self.policies.choose(index, (cap, spent), |ages| queue.ages(at, ages));
         let Ok(chosen) = chosen else {
             let (operator, source) = (&*self.operator, self.sources.name(index));
-            error!(operator, timestamp = t, source, "the policy panicked: no request is sent");
+            error!(operator, timestamp = t, source, "the policy panicked, so no request is sent");
             self.counts.source(index, CountedEvent::PolicyFailed);
             return None;
         };
@@ -130,7 +130,7 @@ impl<V, R> Engine<V, R> {
             }
             Some(Some(OutageLine { count: requests, lasts })) => {
                 let seconds = lasts / 1_000_000_000;
-                warn!(operator, source, %why, requests, seconds, "still no result");
+                warn!(operator, source, %why, requests, seconds, "requests still fail");
             }
         }
     }
@@ -140,7 +140,13 @@ impl<V, R> Engine<V, R> {
         if let Some(OutageLine { count, lasts }) = self.sources[index].outage.timed_out(at) {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             let seconds = lasts / 1_000_000_000;
-            warn!(operator, source, requests = count, seconds, "no result in time");
+            warn!(
+                operator,
+                source,
+                requests = count,
+                seconds,
+                "no request got its result before it was due"
+            );
         }
     }
 
@@ -149,7 +155,7 @@ impl<V, R> Engine<V, R> {
         if let Some(OutageLine { count, lasts }) = self.sources[index].outage.answered(at) {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             let seconds = lasts / 1_000_000_000;
-            info!(operator, source, requests = count, seconds, "results come again");
+            info!(operator, source, requests = count, seconds, "results arrive again");
         }
     }
 
@@ -403,7 +409,11 @@ impl<V, R> Engine<V, R> {
         let operator = &*self.operator;
         if self.local.may_lose_results {
             while let Some(t) = self.sources[LOCAL].remove_lost(now) {
-                warn!(operator, timestamp = t, "local computation lost");
+                warn!(
+                    operator,
+                    timestamp = t,
+                    "the local computation did not end in time and is counted as lost"
+                );
                 self.counts.source(LOCAL, CountedEvent::Lost);
             }
             return;
@@ -413,14 +423,15 @@ impl<V, R> Engine<V, R> {
             if is_replaced {
                 warn!(
                     operator,
-                    timestamp, "local runs for longer than its deadline: another takes its place"
+                    timestamp,
+                    "local exceeded its deadline and is counted as lost: another worker replaces it"
                 );
                 self.effects.push(Effect::Replace { timestamp });
             } else {
                 warn!(
                     operator,
                     timestamp,
-                    "local runs for longer than its deadline, is not made anew and keeps its place"
+                    "local exceeded its deadline and is counted as lost: it occupies its worker until it ends"
                 );
             }
         }

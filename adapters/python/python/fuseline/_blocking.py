@@ -56,7 +56,7 @@ class BlockingOperator(Generic[M, V]):
 
     def __enter__(self) -> BlockingOperator[M, V]:
         if self._thread is not None:
-            raise ConfigError("an operator is started once; make another")
+            raise ConfigError("this operator was started before; make another")
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
             target=_run,

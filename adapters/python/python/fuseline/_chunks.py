@@ -115,7 +115,7 @@ class ChunkPlan:
         self.why: str | None = None
         self._within = nanoseconds(chunk.within) / 1e9
         if not self._within:
-            raise ConfigError("a chunk within 0 s; every call would be given up at once")
+            raise ConfigError("the chunk's within is 0 s, so every call would be given up at once; give a longer time")
         #: The later one and the one before it.
         self._chunks: deque[ArrivedChunk] = deque(maxlen=2)
         self._request: asyncio.Task[None] | None = None
@@ -207,7 +207,7 @@ def actions_of(reply: Any, chunk: Chunk, check: Callable[[Any, str], None]) -> l
     """
     actions = list((chunk.split or _split)(reply))
     if not actions:
-        raise CallError("a chunk without actions")
+        raise CallError("the chunk has no actions; return at least one")
     for number, action in enumerate(actions):
         check(action, f"chunk[{number}]")
     return actions
@@ -217,7 +217,7 @@ def _split(reply: Any) -> Sequence[Any]:
     """The actions of a list, or of a dictionary of arrays, which is how openpi's servers reply."""
     if isinstance(reply, (str, bytes, bytearray)):
         text = reply if isinstance(reply, str) else bytes(reply[:200]).decode(errors="replace")
-        raise CallError(f"a text for a chunk: {text[:200]}")
+        raise CallError(f"the reply is text, but a chunk is a list of actions: {text[:200]}")
     if not isinstance(reply, dict):
         if not hasattr(reply, "__iter__") or inspect.isgenerator(reply):
             raise CallError(f"a {type(reply).__name__} for a chunk; it is a list of actions")

@@ -255,7 +255,7 @@ class Join:
             ConfigError: if no latest-value input has this name.
         """
         if not any(it.name == latest and it._max_age is not None for it in self._inputs):
-            raise ConfigError(f"no latest-value input {latest!r} that sets could be of")
+            raise ConfigError(f"{latest!r} is not a latest-value input of this join; name one that is")
         self._origin = latest
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
@@ -265,7 +265,7 @@ class Join:
 
     async def __aenter__(self) -> Join:
         if self._aligner is not None:
-            raise ConfigError("a join is started once; make another")
+            raise ConfigError("this join was started before; make another")
         aligned = [it for it in self._inputs if it._max_age is None]
         for index, it in enumerate(aligned):
             it._index = index
@@ -324,7 +324,7 @@ class Join:
 
     def _add(self, joined: JoinInput[T]) -> JoinInput[T]:
         if self._aligner is not None:
-            raise ConfigError("an input after the start; add it before")
+            raise ConfigError("an input cannot be added after the start; add it before")
         check_text(joined.name, "an input")
         if any(it.name == joined.name for it in self._inputs):
             raise ConfigError(f"two inputs named {joined.name!r}; each has a name of its own")

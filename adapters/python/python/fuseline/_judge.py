@@ -192,7 +192,7 @@ def check_kinds(kinds: Iterable[str]) -> None:
     """Raises ValueError if one of them is no kind of doubt."""
     known = get_args(DoubtKind)
     if unknown := [kind for kind in kinds if kind not in known]:
-        raise ValueError(f"{unknown[0]!r} is no kind of doubt; they are {', '.join(known)}")
+        raise ValueError(f"{unknown[0]!r} is not a kind of doubt; the kinds are {', '.join(known)}")
 
 
 def check(
@@ -344,7 +344,7 @@ def _each_trace(traces: tuple[Traced | list[str | PathLike[str]], ...]) -> list[
     if not lists:
         return list(traces)  # type: ignore[arg-type]
     if len(traces) > 1:
-        raise ValueError("a list of paths stands for all traces; where the page goes is page=")
+        raise ValueError("a list of paths stands for all traces; name the page's path with page=")
     return list(lists[0])
 
 

@@ -181,7 +181,7 @@ class Operator(Setup[M, V], Generic[M, V]):
             OSError: if its trace cannot be written.
         """
         if self._driver is not None:
-            raise ConfigError("an operator is started once; make another")
+            raise ConfigError("this operator was started before; make another")
         local = self._local
         trace = hold(self._path)
         try:

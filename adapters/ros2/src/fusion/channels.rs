@@ -117,9 +117,13 @@ impl NodeFusion<'_> {
             Some(deadline) if deadline <= self.greatest_deadline => self.deadline = deadline,
             Some(deadline) => {
                 let greatest_deadline = self.greatest_deadline;
-                warn!(?deadline, ?greatest_deadline, "a deadline above greatest_deadline: ignored");
+                warn!(
+                    ?deadline,
+                    ?greatest_deadline,
+                    "a deadline above greatest_deadline is ignored"
+                );
             }
-            None => warn!("a deadline that is no positive number of seconds: ignored"),
+            None => warn!("a deadline that is not a positive number of seconds is ignored"),
         }
     }
 

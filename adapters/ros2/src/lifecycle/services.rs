@@ -114,7 +114,12 @@ impl LifecycleServices {
             });
         let Some((transition, done)) = begun else {
             let (id, label) = (transition.id, transition.label);
-            warn!(id, label, state = state.label(), "there is no such transition from here");
+            warn!(
+                id,
+                label,
+                state = state.label(),
+                "the node's state does not allow this transition"
+            );
             reply.send(ChangeStateResponse { success: false });
             return None;
         };

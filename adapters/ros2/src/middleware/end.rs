@@ -126,7 +126,7 @@ impl Endpoint {
             is_new
         });
         if is_new {
-            warn!(topic = self.topic, others, "somebody else publishes on it, too");
+            warn!(topic = self.topic, others, "another node publishes on this topic, too");
         }
     }
 

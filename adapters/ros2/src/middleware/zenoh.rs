@@ -107,7 +107,7 @@ impl ZenohSession {
         });
         let (session, owner, token, routers, peers) = opened.await?;
         if routers + peers == 0 {
-            warn!("Zenoh reaches neither a router nor a peer yet; it goes on trying");
+            warn!("Zenoh has reached neither a router nor a peer yet and keeps trying");
         } else {
             info!(routers, peers, "Zenoh is reached");
         }
@@ -386,7 +386,7 @@ impl SharedSession {
             .transpose()
             // It needs timestamps, which the configuration may not have.
             .inspect_err(|error| {
-                warn!(topic = entity.name, %error, "nothing is kept for who comes later");
+                warn!(topic = entity.name, %error, "late subscribers will not get earlier messages");
             });
         let writer = match transient_local {
             Ok(Some(transient_local)) => PublisherLink::TransientLocal(transient_local),

@@ -231,7 +231,7 @@ def two_nodes_of_one_name_are_reported(bench):
         camera.ask("local=0")
 
     again(asks, reported, lambda: f"a warning of both, last {listener.health('fusion')}")
-    words = "somebody else publishes on it"
+    words = "another node publishes on this topic"
     until(lambda: words in first.log() and words in second.log(), "a line in the log of both")
     # The other one leaves; the first is alone again.
     assert second.ends() == 0

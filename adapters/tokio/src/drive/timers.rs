@@ -80,7 +80,7 @@ impl Timer {
     /// P8: a timer that fails must not keep the others from firing.
     #[cfg(target_os = "linux")]
     fn fall_back(&mut self, error: &io::Error, at: Instant) {
-        error!(%error, "the kernel's timer fails: from now on tokio's are used");
+        error!(%error, "the kernel's timer failed; tokio's timers are used from now on");
         *self = Self::Tokio(Box::pin(sleep_until(at)));
     }
 }

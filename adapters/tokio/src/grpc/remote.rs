@@ -109,7 +109,10 @@ impl Remote {
         if self.token.is_some()
             && self.url.get(..5).is_some_and(|it| !it.eq_ignore_ascii_case("https"))
         {
-            warn!(url = self.url, "the token can be read on the way, for the URL is not https");
+            warn!(
+                url = self.url,
+                "anybody on the way can read the token, because the URL is not https"
+            );
         }
         Ok(InterceptedService::new(CountedBody(channel), BearerToken(self.token.clone())))
     }

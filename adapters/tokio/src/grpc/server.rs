@@ -123,7 +123,7 @@ where
                         Err(why) => limits.log(peer, &why),
                     },
                     Some(Err(error)) => {
-                        warn!(%error, "no connection can be taken on");
+                        warn!(%error, "a connection cannot be accepted");
                         tokio::time::sleep(ACCEPT_PAUSE).await;
                     }
                     None => break,

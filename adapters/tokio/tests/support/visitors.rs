@@ -220,7 +220,7 @@ async fn recovered(
         "one was to be closed",
     );
     let crowded = crowds * super::hostile_clients::BEYOND + usize::from(HOSTILE) + 1;
-    let logged = logged(&log.text(), "its address has as many connections as it may");
+    let logged = logged(&log.text(), "its address has reached its limit of connections");
     expect(logged == crowded, &format!("{crowded} were too many, the log says {logged}"));
     drop(connections);
     let blamed = (0..WELL_BEHAVED).map(|number| here.address(0, number));

@@ -146,7 +146,7 @@ impl RosNode {
             let spinner = next.spinner().map_err(|error| NodeError::Ros(error.to_string()))?;
             joined.tasks.spawn(async move {
                 if let Err(error) = spinner.spin().await {
-                    error!(%error, "ROS sees the node no longer");
+                    error!(%error, "the node has disappeared from ROS's graph");
                 }
             });
             let node = Arc::clone(&node);

@@ -10,7 +10,7 @@ const FILE: &str = "ZENOH_SESSION_CONFIG_URI";
 const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
 
 /// What `rmw_zenoh` has unless a file says otherwise: a peer that meets others through a router on this machine. Clients have
-/// timestamps too: without them nothing is kept for who comes later.
+/// timestamps too: without them late subscribers will not get earlier messages.
 const USUAL: [(&str, &str); 6] = [
     ("mode", "\"peer\""),
     ("connect/endpoints", "[\"tcp/localhost:7447\"]"),

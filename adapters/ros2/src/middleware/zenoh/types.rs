@@ -71,7 +71,7 @@ impl Types {
             }
         };
         if is_first {
-            info!(type_name, "its hash is learned from the first peer that has it");
+            info!(type_name, "the type's hash is taken from the first peer that has the type");
             let (types, known) = (self.clone(), type_name.to_owned());
             let tokens = session
                 .liveliness()
@@ -98,7 +98,7 @@ impl Types {
     pub(super) fn learn(&self, type_name: &str, hash: &str) {
         let mut types = self.locked();
         let Some(state @ TypeState::Awaited { .. }) = types.get_mut(type_name) else { return };
-        info!(type_name, hash, "its hash");
+        info!(type_name, hash, "the type's hash is known");
         let was = std::mem::replace(state, TypeState::Known(hash.to_owned()));
         drop(types);
         let hash = hash.to_owned();

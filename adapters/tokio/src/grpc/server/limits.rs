@@ -36,19 +36,19 @@ struct SuppressedLog {
 /// Why a client was rejected.
 #[derive(Debug, Error)]
 pub(crate) enum RejectReason {
-    #[error("the server has as many connections as it may")]
+    #[error("the server has reached its limit of connections")]
     Full,
-    #[error("its address has as many connections as it may")]
+    #[error("its address has reached its limit of connections")]
     Crowd,
     #[error("TLS: {0}")]
     Tls(io::Error),
     #[error("it made no call in time")]
     Mute,
-    #[error("it makes no calls any more")]
+    #[error("it has made no call for too long")]
     Idle,
-    #[error("it does not take its replies")]
+    #[error("it does not read its replies")]
     Unread,
-    #[error("it takes back calls faster than it may")]
+    #[error("it cancels calls faster than it is allowed to")]
     Resets,
     #[error("HTTP/2: {0}")]
     Protocol(String),
@@ -162,7 +162,7 @@ mod tests {
             let address = IpAddr::from(host.to_be_bytes());
             let permits = [(); 3].map(|()| limits.permit(address).expect("there is room"));
             let full = limits.permit(IpAddr::from([9, 9, 9, 9])).err().map(|why| why.to_string());
-            assert_eq!(full.as_deref(), Some("the server has as many connections as it may"));
+            assert_eq!(full.as_deref(), Some("the server has reached its limit of connections"));
             drop(permits);
         }
         assert!(lock(&limits.by_address).is_empty());
@@ -174,7 +174,7 @@ mod tests {
         let bounds = Bounds { connections_each: 0, ..Bounds::default() };
         let limits = Arc::new(ServerLimits::new(bounds));
         let refused = limits.permit(IpAddr::from([10, 0, 0, 1])).err().map(|why| why.to_string());
-        assert_eq!(refused.as_deref(), Some("its address has as many connections as it may"));
+        assert_eq!(refused.as_deref(), Some("its address has reached its limit of connections"));
         assert!(lock(&limits.by_address).is_empty());
     }
 }
