@@ -100,10 +100,8 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     /// ```
     /// # use std::time::Duration;
     /// # use fuseline_tokio::Local;
-    /// let local: Local<Vec<f32>, f32> = Local {
-    ///     deadline: Some(Duration::from_millis(400)),
-    ///     ..Local::threads(4, || |message: &Vec<f32>, _timestamp| Ok(message.iter().sum()))
-    /// };
+    /// let mut local = Local::threads(4, || |message: &Vec<f32>, _timestamp| Ok(message.iter().sum::<f32>()));
+    /// local.deadline = Some(Duration::from_millis(400));
     /// ```
     #[must_use]
     pub fn threads<F>(at_once: usize, mut make: impl FnMut() -> F + Send + 'static) -> Self
