@@ -93,6 +93,7 @@ impl Campaign<'_> {
             copy: Tree::new(folder.join("tree")),
             target: folder.join("build"),
             python: self.target.join("python/venv/bin/python"),
+            peers: self.target.join("ros2-peers/bin/python"),
             stop: self.stop,
         };
         let mut apart = BTreeMap::new();

@@ -58,6 +58,16 @@ impl WitnessKind {
         self.name.strip_suffix("-misuse")
     }
 
+    /// Whether its cases run the node among real peers.
+    pub(crate) fn is_among_peers(&self) -> bool {
+        self.interface() == Some("ros2-run")
+    }
+
+    /// Whether a case is chosen by a part of its name, so that others may run with it; each is named as it begins or ends.
+    pub(crate) fn takes_parts_of_names(&self) -> bool {
+        self.is_among_peers() || self.suite.packages.is_empty()
+    }
+
     /// Whether its witnesses could see a fault: the cases of an interface only that a guard of theirs is gone.
     pub(crate) fn sees(&self, fault: &SeededFault) -> bool {
         match (&fault.case, self.interface()) {

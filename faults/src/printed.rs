@@ -50,6 +50,14 @@ pub(crate) fn read_pytest(_: &str, printed: &str) -> Outcomes {
     outcomes
 }
 
+/// Lines of the tests with real peers.
+pub(crate) fn read_peers(_: &str, printed: &str) -> Outcomes {
+    static CASE: LazyLock<Regex> =
+        LazyLock::new(|| regex(r"(?m)^(passed|failed) +[\d.]+ s  (\w+)"));
+    let found = CASE.captures_iter(printed);
+    found.map(|found| (format!("peers::{}", &found[2]), &found[1] == "passed")).collect()
+}
+
 /// A JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
 pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     #[derive(serde::Deserialize)]

@@ -35,6 +35,8 @@ pub(crate) struct FaultyCopy<'a> {
     pub(crate) target: PathBuf,
     /// The interpreter that has the wheel, as `.ci/python` installs it.
     pub(crate) python: PathBuf,
+    /// The interpreter that has the packages of the peers, as `.ci/ros2` installs them.
+    pub(crate) peers: PathBuf,
     pub(crate) stop: &'a AtomicBool,
 }
 
@@ -225,7 +227,11 @@ impl FaultyCopy<'_> {
                 self.run_cases(kind, place, (trial, begin), &log, &mut seen)?;
                 continue;
             }
-            let mut command = Self::command(kind, program, place, trial);
+            let mut command = if kind.is_among_peers() {
+                self.among_peers(programs, place, trial)?
+            } else {
+                Self::command(kind, program, place, trial)
+            };
             let reached = log.with_extension("reached");
             if number == 0 {
                 remove(&reached)?;
@@ -234,11 +240,21 @@ impl FaultyCopy<'_> {
             let left = trial.limit.saturating_sub(begin.elapsed());
             let (printed, ended) = self.print(&mut command, left, trial.stops, &log)?;
             let mut outcomes = (kind.read)(program.target, &printed);
+            // `-k` of pytest takes each test whose name contains the case's, and so do the peers.
+            let case = trial.case.filter(|_| kind.takes_parts_of_names());
+            if let Some(case) = case {
+                outcomes.retain(|name, _| {
+                    name.rsplit("::")
+                        .next()
+                        .is_some_and(|it| it.strip_prefix("test_").unwrap_or(it) == case)
+                });
+            }
             if ended.is_none() {
                 seen.is_out_of_time = true;
             }
-            // One that was killed or ran out of memory names no test, where several run at once.
-            if ended != Some(0) && outcomes.values().all(|held| *held) {
+            // One that was killed or ran out of memory names no test, where several run at once. A case is named even so; if it is
+            // not, there is no such case, and that shows nothing.
+            if case.is_none() && ended != Some(0) && outcomes.values().all(|held| *held) {
                 let how = if ended.is_none() { "out of time" } else { "ended early" };
                 outcomes.insert(format!("{} ({how})", program.target), false);
             }
@@ -255,6 +271,33 @@ impl FaultyCopy<'_> {
         seen.took = begin.elapsed();
         let is_empty = seen.outcomes.is_empty() && !to_run.is_empty();
         if is_empty { Err(wrong("no witness ran")) } else { Ok(seen) }
+    }
+
+    /// The cases of a node among real peers: all of them, or one.
+    fn among_peers(
+        &self,
+        programs: &Programs,
+        (node, folder): &(PathBuf, PathBuf),
+        trial: Trial,
+    ) -> Result<Command, FaultsError> {
+        if !self.peers.exists() {
+            let why = "the interpreter of the peers is not there: .ci/ros2 makes it";
+            return Err(FaultsError::content(&self.peers, why));
+        }
+        let judge = &programs[&("fuseline".to_owned(), "fuseline".to_owned())].0;
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", BOUNDED, "sh"])
+            .arg(&self.peers)
+            .arg(self.copy.path("adapters/ros2/tests/peers/run.py"))
+            .args([trial.case.unwrap_or("--misuse"), "--node"])
+            .arg(node)
+            .arg("--fuseline")
+            .arg(judge)
+            .current_dir(folder)
+            .env(VARIABLE, trial.fault.0.to_string())
+            .env("PYTHONDONTWRITEBYTECODE", "1");
+        Ok(command)
     }
 
     fn command(

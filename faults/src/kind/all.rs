@@ -8,7 +8,7 @@ use crate::citation::{
     cited_by_harness, cited_by_pytest, cited_by_test, cited_by_trace, identifiers,
 };
 use crate::fault::SeededFault;
-use crate::printed::{read_models, read_pytest, read_steps, read_tests, read_traces};
+use crate::printed::{read_models, read_peers, read_pytest, read_steps, read_tests, read_traces};
 
 const ARBITER: &str = "adapters/arbiter/";
 const THREADS: &str = "adapters/threads/src/";
@@ -339,6 +339,15 @@ pub const KINDS: &[WitnessKind] = &[
         ..TESTS
     },
     WitnessKind {
+        name: "ros2-run-misuse",
+        title: "cases of misuse of a node that runs, among real peers",
+        suite: &CALLED,
+        programs: &[program("fuseline-ros2", "fuseline-ros2", &["--misuse"])],
+        read: read_peers,
+        cites: |_, _| Ok(BTreeSet::new()),
+        ..TESTS
+    },
+    WitnessKind {
         name: "python-misuse",
         title: "cases of misuse from Python",
         suite: &PYTHON,
@@ -351,6 +360,7 @@ pub const KINDS: &[WitnessKind] = &[
                 "tests/test_misuse_failures.py",
                 "tests/test_misuse_robot.py",
                 "tests/test_misuse_running.py",
+                "tests/test_misuse_setup.py",
                 "tests/test_misuse_streams.py",
                 "tests/test_misuse_values.py",
             ],

@@ -50,7 +50,14 @@ impl Settings {
     }
 
     fn policies(&self) -> Option<String> {
-        let is_idle = self.deadlines.kind != PolicyKind::Set && self.clouds.is_empty();
+        let is_set = self.deadlines.kind == PolicyKind::Set;
+        if let Some(speed) = self.deadlines.speed.as_ref().filter(|_| is_set) {
+            let topic = &speed.topic;
+            return Some(format!(
+                "policy.speed_topic is {topic}, and no policy chooses deadlines: give policy: guard or guarded"
+            ));
+        }
+        let is_idle = !is_set && self.clouds.is_empty();
         is_idle.then(|| "policy has no cloud to choose deadlines for; add it to clouds".to_owned())
     }
 

@@ -13,6 +13,9 @@ use crate::settings::{
 
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
+/// The part of the node that `/diagnostics` report beside the sources.
+const OWN_REPORT: &str = "fusion";
+
 /// Reads which clouds there are, and then each.
 pub(super) fn read(
     r: &mut ParameterReader,
@@ -28,6 +31,8 @@ pub(super) fn read(
             "give a name of letters, digits and single underscores"
         } else if is_reserved(cloud) {
             "the node's own parameters begin like that; give another name"
+        } else if cloud == OWN_REPORT {
+            "the node reports itself by that name in /diagnostics; give another name"
         } else if names[..at].contains(cloud) {
             "it is given twice; leave one out"
         } else {

@@ -152,6 +152,8 @@ def whatever_breaks_on_the_way_to_a_cloud_behind_grpc_costs_no_input_its_one_ans
     seed = int(os.environ.get("SEED", random.randrange(2**32)))
     harms = sorted(HARMS)
     random.Random(seed).shuffle(harms)
+    # Before anything breaks, so that a run that fails can be repeated with SEED.
+    print(f"seed {seed}: {', '.join(harms)}", flush=True)
     field = Field(bench)
     until(lambda: field.sources(-20) == ["west"] * 20, "west's results")
     back = {harm: field.breaks(harm) for harm in harms}
@@ -164,7 +166,7 @@ def whatever_breaks_on_the_way_to_a_cloud_behind_grpc_costs_no_input_its_one_ans
         assert result.message.payload == answered(status["source"], stamp).serialize(), "not the bytes that were sent"
         assert result.at - at < DEADLINE_S + 3.0, f"{status['source']} after {result.at - at:.3f} s"
     reported = ", ".join(f"{harm} {took:.1f}" for harm, took in back.items())
-    print(f"seed {seed}: {len(run)} inputs, {bench.judge(node)} judged; west was back after so many s: {reported}")
+    print(f"{len(run)} inputs, {bench.judge(node)} judged; west was back after so many s: {reported}")
 
 
 def a_disk_that_fills_ends_the_recording_and_costs_no_input_its_answer(bench):

@@ -104,10 +104,16 @@ class Listener:
         """Waits until each of these stamps has a result and a status, which come on two topics."""
         stamps = set(stamps)
         keys = set(map(str, stamps))
-        until(lambda: stamps <= {heard.message.header.stamp.stamp for heard in list(self.results.heard)},
-              "a result for each input", cap)
-        until(lambda: keys <= {heard.message["key"] for heard in list(self.status.heard)},
-              "a status for each input", cap)
+
+        def without_result():
+            return stamps - {heard.message.header.stamp.stamp for heard in list(self.results.heard)}
+
+        def without_status():
+            return keys - {heard.message["key"] for heard in list(self.status.heard)}
+
+        until(lambda: not without_result(), lambda: f"a result for each input; none for {sorted(without_result())}; of those "
+              f"without a status are {sorted(without_status())}", cap)
+        until(lambda: not without_status(), lambda: f"a status for each input; none for {sorted(without_status())}", cap)
 
     def health(self, part):
         """The newest of the diagnostics about `part` of the node: `fusion`, `local` or a cloud."""

@@ -1,6 +1,7 @@
 """Runs the tests with real peers, each in a network and mounts of its own.
 
-    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--zenoh] [--list] [NAME…]
+    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--zenoh] [--list] [--misuse]
+                   [NAME…]
 
 A NAME is a part of a test's name. Without the right to make networks the tests share the loopback of the machine,
 each with a domain of its own.
@@ -175,6 +176,7 @@ def main():
     parser.add_argument("--zenoh", action="store_true", help="all topics over Zenoh, through a router")
     parser.add_argument("--alone", metavar="NAME")
     parser.add_argument("--list", action="store_true")
+    parser.add_argument("--misuse", action="store_true", help="only the cases of the catalogue of misuse")
     parser.add_argument("--sample", metavar="N", type=int, help="only so many of them, drawn anew")
     parser.add_argument("names", nargs="*")
     chosen = parser.parse_args()
@@ -183,6 +185,8 @@ def main():
     if chosen.alone:
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
+    if chosen.misuse:
+        names = [name for name in names if (cases()[name].__doc__ or "").startswith("misuse: ")]
     if chosen.sample:
         # Those that break things, step the clock or stream images need a computer of their own.
         calm = [name for name in names if not any(name in vars(module) for module in (chaos, clock, images))]

@@ -38,8 +38,9 @@ const MATCH_PERIOD: Duration = Duration::from_millis(20);
 const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// How long both participants stay, once before the second takes over and once after: peers meet it later than it meets
-/// them, and what they sent to the first is still on its way.
-const OVERLAP: Duration = Duration::from_millis(500);
+/// them, and what they sent to the first is still on its way. `rustdds` repairs an announcement that was lost on its way to a peer
+/// once a second, so in less time that peer may not have met it.
+const OVERLAP: Duration = Duration::from_millis(1500);
 
 /// How long what was sent by the first participant may stay unacknowledged. A subscriber that was killed acknowledges
 /// nothing.
