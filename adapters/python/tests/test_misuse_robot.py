@@ -13,6 +13,7 @@ from typing import Any
 import numpy
 import pytest
 from fuseline import Call, ConfigError, Ending, Failure, _remote
+from fuseline._failures import PolicyFailures, TickRate
 from fuseline.robot import Always, Chunk, Hold, fade
 from misuse import misuse, refused
 
@@ -560,3 +561,52 @@ def test_infer_within_infer(caplog: pytest.LogCaptureFixture) -> None:
 @misuse("gives a class for a policy on board", "`ConfigError`")
 def test_class_for_a_policy_on_board() -> None:
     refused("give an instance", lambda: Always(refuses, Module, deadline=0.1))  # type: ignore[arg-type]
+
+
+@misuse("gives a policy on board whose actions change their form", "a failure; the last action")
+def test_on_board_of_another_form() -> None:
+    failures: list[Failure] = []
+    with Always(
+        server(refuses), lambda n: [0.0] * (2 + n % 2), deadline=5.0, on_failure=failures.append
+    ) as policy:
+        assert [len(policy.infer(n)) for n in (0, 1, 2)] == [2, 2, 2]
+    whys = [it.why for it in failures if it.source.priority == 0]
+    assert len(whys) == 1 and "the action on board now has the shape (3,)" in whys[0], whys
+
+
+@misuse("requests chunks less often than they have actions", "logged once, with the remedy")
+def test_chunks_that_are_too_short(caplog: pytest.LogCaptureFixture) -> None:
+    chunk = Chunk(every=5, max_age=9, within=5.0)
+    with Always(server(lambda _: [[0.5]] * 3), Hold([0.0]), deadline=5.0, chunk=chunk) as policy:
+        ticks(policy, lambda: policy.counts["remote", "call", "answered"] > 2)
+    logged = [
+        it.getMessage() for it in caplog.records if "a chunk has 3 actions" in it.getMessage()
+    ]
+    assert len(logged) == 1 and "every 5 ticks" in logged[0], logged
+
+
+@misuse("calls `infer` at another rate than the period says", "logged once, with both")
+def test_rate_of_another_period(caplog: pytest.LogCaptureFixture) -> None:
+    for mean, is_reported in ((0.009, True), (0.041, True), (0.011, False), (0.039, False)):
+        caplog.clear()
+        rate = TickRate(0.02, "policy")
+        for tick in range(200):
+            rate.tick(7.0 + tick * mean)
+        said = [it.getMessage() for it in caplog.records]
+        assert len(said) == is_reported, (mean, said)
+    with Always(server(refuses), Hold(0.0), period=2.0) as policy:
+        caplog.clear()
+        for _ in range(60):
+            policy.infer(0)
+    assert any("the period is 2 s" in it.getMessage() for it in caplog.records)
+
+
+def test_new_reason_is_named_after_eight() -> None:
+    failures = PolicyFailures("policy", None)
+    for kind in [*range(8), 0]:
+        failures.ended(f"reason {kind}")
+    failures.ended("certificate expired")
+    counted = {key[2]: count for key, count in failures.counts.items() if "because" in key[1]}
+    assert counted["certificate expired"] == 1 and counted["reason 0"] == 2
+    assert "reason 1" not in counted and counted["other reasons"] == 1
+    assert sum(counted.values()) == failures.counts["remote", "call", "failed"] == 10

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from conftest import Run
 from fuseline import BlockingOperator, Call, ConfigError, Join, Local, Operator, check
-from fuseline.robot import Always, Hold
+from fuseline.robot import Always, Hold, lerobot, openpi
 from misuse import ask, cloud_refused, echo, misuse, operator_of, played, refused
 
 
@@ -134,3 +134,45 @@ def test_blocking_operator_in_a_loop(caplog: pytest.LogCaptureFixture) -> None:
     with BlockingOperator(operator_of()) as operator:
         operator.close()
     assert len([it for it in caplog.messages if "running event loop" in it]) == 1
+
+
+@pytest.mark.parametrize("name", ["window", "commit", "greatest_deadline", "trace"])
+@misuse("sets an argument of the constructor afterwards", "`AttributeError`: it has no effect then")
+def test_argument_that_is_set_later(name: str) -> None:
+    operator = operator_of()
+    with pytest.raises(AttributeError, match=f"{name} is given when the Operator is made"):
+        setattr(operator, name, 4)
+    assert not hasattr(operator, name)
+
+
+@misuse("asks whether a verdict is true", "`TypeError`: `conforms`")
+def test_verdict_for_a_bool() -> None:
+    verdict = check(b'{"fuseline":1,"window":16,"clouds":[]}\n')
+    with pytest.raises(TypeError, match="conforms"):
+        assert verdict
+
+
+@pytest.mark.parametrize("port", ["8000", 0, 80000, True])
+@misuse("gives a policy server a port that is none", "`ConfigError`, with the range")
+def test_port_that_is_none(port: Any) -> None:
+    refused("from 1 to 65535", lambda: openpi("gpu-server", port))
+
+
+@misuse("gives a policy server an address with a port that is none", "`ConfigError`")
+def test_address_of_no_port() -> None:
+    for port in (0, 65536):
+        refused("from 1 to 65535", lambda port=port: lerobot(f"gpu-server:{port}"))  # type: ignore[misc]
+    assert callable(lerobot("gpu-server:65535"))
+
+
+@pytest.mark.parametrize("host", ["", "http://gpu-server", None])
+@misuse("gives a policy server a host that is none", "`ConfigError`, with an example")
+def test_host_that_is_none(host: Any) -> None:
+    refused("a host of", lambda: openpi(host, 8000))
+    refused("give host and port", lambda: lerobot(host))
+
+
+@pytest.mark.parametrize("address", ["gpu-server", "gpu-server:", "gpu-server:http", ":8080"])
+@misuse("gives a policy server an address without a port", "`ConfigError`, with an example")
+def test_address_without_a_port(address: str) -> None:
+    refused("give host and port", lambda: lerobot(address))

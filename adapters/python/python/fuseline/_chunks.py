@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import logging
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,6 +19,8 @@ from fuseline._wiring import check_count, check_function
 if TYPE_CHECKING:
     from fuseline._remote import RemoteThread
     from fuseline.robot import Chunk
+
+_log = logging.getLogger("fuseline")
 
 #: Blends an earlier chunk's action, or None, and a later one's; given also how many ticks ago the
 #: later chunk began, and the action sent last, or None.
@@ -122,6 +125,8 @@ class ChunkPlan:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._episode = self._tick = 0
         self._next = 0
+        #: Whether a chunk was reported that has too few actions.
+        self._is_short = False
 
     def request(self, observation: Any, t: int) -> None:
         """Requests a chunk for a tick's observation, if it is time and none is under way."""
@@ -188,9 +193,21 @@ class ChunkPlan:
             return
         self.why = None
         self._ended(None)
+        self._report_short(len(actions))
         if episode == self._episode:
             first = t if self.chunk.skip == "executed" else self._tick + 1
             self._chunks.append(ArrivedChunk(t, first, actions))
+
+    def _report_short(self, ticks: int) -> None:
+        """Logs the first chunk that ends before the next one is requested."""
+        if ticks < self.chunk.every and not self._is_short:
+            self._is_short = True
+            _log.warning(
+                "a chunk has %d actions, and the next one is requested every %d ticks: between "
+                "them the policy on board acts; give Chunk a smaller every=",
+                ticks,
+                self.chunk.every,
+            )
 
     def _failed(self, why: str) -> None:
         """On board acts until the next chunk, which is requested as soon as that can be."""

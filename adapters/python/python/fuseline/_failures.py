@@ -9,8 +9,11 @@ from typing import Any
 
 from fuseline._item import Ending, Failure, Item, Source
 
-#: How many reasons of failures are counted by themselves.
+#: How many reasons of failures are counted by themselves: those that were given last.
 REASONS = 8
+
+#: Over how many ticks the time between two of them is measured.
+RATE_TICKS = 50
 
 LOCAL, REMOTE = Source(0, "local"), Source(1, "remote")
 
@@ -24,7 +27,8 @@ class PolicyFailures:
         self.counts: Counter[tuple[str, str, str]] = Counter()
         self._name, self._on_failure = name, on_failure
         self._fresh: deque[Failure] = deque(maxlen=64)
-        self._reasons: set[str] = set()
+        #: The reasons that are counted by themselves; the one that was given last is the last.
+        self._reasons: list[str] = []
         #: How many calls have failed since one was answered.
         self._in_a_row = 0
 
@@ -38,10 +42,13 @@ class PolicyFailures:
             return
         self._in_a_row += 1
         self.counts["remote", "call", "failed"] += 1
-        if len(self._reasons) < REASONS:
-            self._reasons.add(why)
-        reason = why if why in self._reasons else "other reasons"
-        self.counts["remote", "call failed because", reason] += 1
+        if why in self._reasons:
+            self._reasons.remove(why)
+        elif len(self._reasons) == REASONS:
+            before = ("remote", "call failed because", self._reasons.pop(0))
+            self.counts["remote", "call failed because", "other reasons"] += self.counts.pop(before)
+        self._reasons.append(why)
+        self.counts["remote", "call failed because", why] += 1
         self._fresh.append(Failure(REMOTE, why))
         # The first, and then as often as they double.
         if self._in_a_row & (self._in_a_row - 1) == 0:
@@ -68,3 +75,31 @@ class PolicyFailures:
                     self._on_failure(failure)
             except Exception:
                 _log.exception("%s: what is called on failures failed", self._name)
+
+
+class TickRate:
+    """Reports ticks that come much faster or slower than their period says, once.
+
+    Ages of chunks are counted in ticks, so they are other times then than they seem.
+    """
+
+    def __init__(self, period: float, name: str) -> None:
+        self._period, self._name = period, name
+        self._count, self._first = 0, 0.0
+
+    def tick(self, now: float) -> None:
+        """A tick begins at this instant, in seconds."""
+        if self._count == 0:
+            self._first = now
+        self._count += 1
+        if self._count != RATE_TICKS + 1:
+            return
+        mean = (now - self._first) / RATE_TICKS
+        if not self._period / 2 <= mean <= self._period * 2:
+            _log.warning(
+                "%s: a tick comes every %.3g s, and the period is %.3g s: give the period at which "
+                "infer is called",
+                self._name,
+                mean,
+                self._period,
+            )

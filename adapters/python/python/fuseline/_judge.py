@@ -127,6 +127,10 @@ class Verdict:
         conforms = not self.violations and all(it.accepted for it in doubts)
         return replace(self, doubts=doubts, conforms=conforms)
 
+    def __bool__(self) -> bool:
+        """Raises a TypeError, because every verdict would be true."""
+        raise TypeError("a verdict is neither true nor false; ask for its conforms")
+
     def _summary(self) -> str:
         if self.violations:
             return "does not conform"

@@ -44,6 +44,7 @@ from fuseline._wiring import (
     check_reserve,
     check_timeout,
     check_trace,
+    fix_arguments,
 )
 from fuseline.deadline import Situation, compiled
 
@@ -59,6 +60,7 @@ _log = logging.getLogger("fuseline")
 _running_loop = asyncio._get_running_loop
 
 
+@fix_arguments
 class Operator(Setup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
@@ -447,7 +449,7 @@ class Operator(Setup[M, V], Generic[M, V]):
           ``"not taken"`` for messages from another thread or a stream that were lost.
         - ``"request"``: ``"admitted"``, ``"refused queue"`` and so on, and ``"lost"`` for
           computations that never ended.
-        - ``"failed because"``: each of a source's first eight reasons, and ``"other reasons"``.
+        - ``"failed because"``: each of a source's last eight reasons, and ``"other reasons"``.
         - ``"handler"``: ``"failed"`` and ``"held up the loop"``; ``"policy"``: ``"failed"``.
         - ``"timer"``: ``"late"``.
         - ``"side request"``: ``"requested"``, ``"answered"``, ``"expired"`` and so on.

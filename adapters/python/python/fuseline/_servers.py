@@ -8,11 +8,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from fuseline._errors import ConfigError
 from fuseline._remote import RemotePolicy
 
 
 def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
-    """Connects to a policy server of openpi, by the package ``openpi-client``."""
+    """Connects to a policy server of openpi, by the package ``openpi-client``.
+
+    Raises:
+        ConfigError: if the host or the port cannot be one.
+    """
+    if not isinstance(host, str) or not host or host.startswith("http"):
+        raise ConfigError(f"a host of {host!r}; give a name such as 'gpu-server', or ws://…")
+    if port is not None:
+        _check_port(port, "a port of")
 
     class OpenpiRemote:
         def __init__(self) -> None:
@@ -39,7 +48,12 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
         address: The server's host and port.
         config: A ``RemotePolicyConfig``, sent to each new connection; with None the server needs
             none.
+
+    Raises:
+        ConfigError: if the address has no host or no port.
     """
+    if not isinstance(address, str) or not address.startswith("unix:"):
+        _check_address(address)
     # They rise from connection to connection, so that no reply is taken for another's.
     steps = itertools.count()
 
@@ -85,3 +99,15 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
             self._channel.close()
 
     return LerobotRemote
+
+
+def _check_address(address: Any) -> None:
+    host, _, port = address.rpartition(":") if isinstance(address, str) else ("", "", "")
+    if not host or host.startswith("http") or not port.isdecimal():
+        raise ConfigError(f"an address of {address!r}; give host and port, as 'gpu-server:8080'")
+    _check_port(int(port), f"the port of {address!r}:")
+
+
+def _check_port(port: Any, what: str) -> None:
+    if not isinstance(port, int) or isinstance(port, bool) or not 1 <= port <= 65535:
+        raise ConfigError(f"{what} {port!r}; it is an int from 1 to 65535")

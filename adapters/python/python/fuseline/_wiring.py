@@ -9,12 +9,14 @@ from collections.abc import AsyncIterable, Iterable, Mapping
 from concurrent.futures import Future
 from datetime import timedelta
 from types import AsyncGeneratorType, CoroutineType, GeneratorType
-from typing import Any
+from typing import Any, TypeVar
 
 from fuseline._errors import ConfigError, as_text
 from fuseline._fuseline import Latency
 from fuseline._validation import Commit, ns
 from fuseline.deadline import Policy, learners
+
+Made = TypeVar("Made", bound=type)
 
 
 class WiringError(ConfigError):
@@ -351,3 +353,29 @@ def _check_callable(function: Any, what: str) -> None:
         raise ConfigError(f"the class {function.__name__} for {what}; give an instance")
     if not callable(function):
         raise ConfigError(f"{what} is a function, not {function!r}")
+
+
+class ConstructorArgument:
+    """Refuses to set an argument of the constructor afterwards, which would have no effect."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: object, owner: type) -> ConstructorArgument:
+        if instance is None:
+            return self
+        raise AttributeError(f"{owner.__name__!r} object has no attribute {self.name!r}")
+
+    def __set__(self, instance: object, value: object) -> None:
+        kind = type(instance).__name__
+        raise AttributeError(
+            f"{self.name} is given when the {kind} is made; to set it later has no effect"
+        )
+
+
+def fix_arguments(kind: Made) -> Made:
+    """Makes the constructor's arguments `ConstructorArgument`s, except for attributes."""
+    for name in list(inspect.signature(kind).parameters):
+        if not hasattr(kind, name) and name != "name":
+            setattr(kind, name, ConstructorArgument(name))
+    return kind

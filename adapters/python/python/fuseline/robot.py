@@ -12,6 +12,7 @@ import contextlib
 import inspect
 import os
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from fuseline._actions import ArrayKinds, Form, check_form, form_of
 from fuseline._blocking import BlockingOperator
 from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
 from fuseline._errors import CallError, ConfigError, in_one_line
-from fuseline._failures import PolicyFailures
+from fuseline._failures import PolicyFailures, TickRate
 from fuseline._fuseline import nanoseconds
 from fuseline._item import Call, Failure, Item, StampedValue
 from fuseline._local import Local
@@ -32,7 +33,7 @@ from fuseline._remote import RemotePolicy, RemoteThread, check_connects
 from fuseline._servers import lerobot, openpi
 from fuseline._snapshot import snapshot
 from fuseline._validation import ns
-from fuseline._wiring import check_function, check_takes, check_value
+from fuseline._wiring import check_function, check_takes, check_value, fix_arguments
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -94,6 +95,7 @@ class Chunk:
     within: Duration = 1.0
 
 
+@fix_arguments
 class Always:
     """A policy that has an action by its deadline at each tick.
 
@@ -169,6 +171,7 @@ class Always:
             if chunk is None
             else ChunkPlan(self._remote, chunk, self._failures.ended, self._check)
         )
+        self._rate = None if period is None else TickRate(nanoseconds(period) / 1e9, name)
         self._turn = threading.Lock()
         #: The threads that this one waits for, or that wait for this one.
         self._inside: set[int] = set()
@@ -212,6 +215,8 @@ class Always:
         with self._turn:
             if self._is_closed:
                 raise ConfigError("the policy was closed, and does not run any more; make another")
+            if self._rate is not None:
+                self._rate.tick(time.monotonic())
             return self._tick(obs)
 
     def reset(self) -> None:
@@ -224,7 +229,7 @@ class Always:
         """What happened so far: the counts of the operator, and what became of the calls.
 
         ``counts["remote", "call", "answered"]`` and ``"failed"`` are the calls to the remote
-        policy, and ``counts["remote", "call failed because", why]`` has the first eight reasons.
+        policy, and ``counts["remote", "call failed because", why]`` has the last eight reasons.
         ``counts[name, "message", "missed"]`` are the ticks for which nothing came.
         """
         return self._operator.operator.counts + self._failures.counts
@@ -306,6 +311,8 @@ class Always:
             if self._like is None or self._is_guessed:
                 self._is_guessed, self._like = False, form
                 self._kinds.learn(action)
+            else:
+                check_form(action, self._like, "the action on board now")
             return action
 
         # Of several observations that wait for a slow policy the latest one counts.
