@@ -254,7 +254,10 @@ impl FaultyCopy<'_> {
             }
             // One that was killed or ran out of memory names no test, where several run at once. A case is named even so; if it is
             // not, there is no such case, and that shows nothing.
-            if case.is_none() && ended != Some(0) && outcomes.values().all(|held| *held) {
+            if (case.is_none() || ended.is_none())
+                && ended != Some(0)
+                && outcomes.values().all(|held| *held)
+            {
                 let how = if ended.is_none() { "out of time" } else { "ended early" };
                 outcomes.insert(format!("{} ({how})", program.target), false);
             }

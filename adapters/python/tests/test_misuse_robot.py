@@ -352,12 +352,14 @@ def test_slow_policy_on_board() -> None:
 )
 @misuse("gives a policy on board without an action at the first tick", "`RuntimeError`: why")
 def test_no_action_on_board(on_board: Any, words: str) -> None:
+    # On a busy host another policy takes as long, too.
+    deadline = 0.01 if "longer" in words else 5.0
     with (
-        Always(refuses, on_board, deadline=0.01) as policy,
+        Always(refuses, on_board, deadline=deadline) as policy,
         pytest.raises(RuntimeError, match=r"no action for tick 0: missed; .*") as raised,
     ):
         policy.infer(0)
-    assert words in str(raised.value) or "took longer" in str(raised.value)
+    assert words in str(raised.value)
 
 
 class Module:
