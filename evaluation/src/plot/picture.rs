@@ -139,9 +139,9 @@ impl Picture {
         }
         let mut png = b"\x89PNG\r\n\x1a\n".to_vec();
         let size = [width.to_be_bytes(), height.to_be_bytes()].concat();
-        chunk(&mut png, b"IHDR", &[&size[..], &[8, 2, 0, 0, 0]].concat());
-        chunk(&mut png, b"IDAT", &packed.finish().expect(IN_MEMORY));
-        chunk(&mut png, b"IEND", &[]);
+        chunk(&mut png, *b"IHDR", &[&size[..], &[8, 2, 0, 0, 0]].concat());
+        chunk(&mut png, *b"IDAT", &packed.finish().expect(IN_MEMORY));
+        chunk(&mut png, *b"IEND", &[]);
         png
     }
 }
@@ -177,10 +177,10 @@ impl OutlineBuilder for Outline {
     }
 }
 
-fn chunk(png: &mut Vec<u8>, kind: &[u8; 4], data: &[u8]) {
+fn chunk(png: &mut Vec<u8>, kind: [u8; 4], data: &[u8]) {
     let length = u32::try_from(data.len()).expect("a picture has some kilobytes");
     let mut sum = Crc::new();
-    sum.update(kind);
+    sum.update(&kind);
     sum.update(data);
     png.extend(length.to_be_bytes());
     png.extend(kind);
