@@ -28,41 +28,25 @@ export function drawBuckets(ctx, trace, view, width, height, colours) {
 
 /** Whose results went out: in each bucket the shares, stacked. */
 export function drawShares(ctx, trace, view, width, box, colours) {
-  const { order, start, outcome, sources, besides, thinned } = trace;
+  const { order, start, outcome, sources } = trace;
   const low = after(trace, view.from);
   const high = after(trace, view.to);
-  // A tile counts all timestamps, if it is not too wide to be seen so near.
-  const least = thinned ? (thinned.tiles.width * width) / (view.to - view.from) : Infinity;
-  const tiled = least <= WIDEST;
-  if (high === low && !tiled) return;
+  if (high === low) return;
   // Wide enough for about two timestamps, and fixed in time so that nothing flickers while panned.
-  const wide = Math.min(WIDEST, Math.max(1, tiled ? Math.ceil(least) : Math.round((2 * width) / (high - low))));
+  const wide = Math.min(WIDEST, Math.max(1, Math.round((2 * width) / (high - low))));
   const bucket = (wide * (view.to - view.from)) / width;
   const base = Math.floor(view.from / bucket);
   const number = Math.ceil(view.to / bucket) - base + 1;
   const kinds = sources.length + 2;
   const counts = new Uint32Array(number * kinds);
   const totals = new Uint32Array(number);
-  const put = (instant, kind, n) => {
-    const at = Math.floor(instant / bucket) - base;
-    if (at < 0 || at >= number) return;
-    counts[at * kinds + kind] += n;
-    totals[at] += n;
-  };
-  if (tiled) {
-    const { begin, counts: all } = thinned.tiles;
-    all.forEach(([missed, open, ...forwarded], tile) => {
-      put(begin[tile], kinds - 2, missed);
-      put(begin[tile], kinds - 1, open);
-      forwarded.forEach((n, kind) => put(begin[tile], kind, n));
-    });
-  } else {
-    // From the bucket's beginning, also where that is out of sight.
-    for (let n = after(trace, base * bucket); n < high; n++) {
-      const k = order[n];
-      if (outcome[k] === UNOPENED || besides[k]) continue;
-      put(start[k], outcome[k] >= 0 ? outcome[k] : outcome[k] === MISSED ? kinds - 2 : kinds - 1, 1);
-    }
+  // From the bucket's beginning, also where that is out of sight.
+  for (let n = after(trace, base * bucket); n < high; n++) {
+    const k = order[n];
+    const at = Math.floor(start[k] / bucket) - base;
+    if (outcome[k] === UNOPENED || at < 0 || at >= number) continue;
+    counts[at * kinds + (outcome[k] >= 0 ? outcome[k] : outcome[k] === MISSED ? kinds - 2 : kinds - 1)]++;
+    totals[at]++;
   }
   const below = new Float64Array(number);
   for (let kind = 0; kind < kinds; kind++) {
@@ -81,7 +65,7 @@ export function drawShares(ctx, trace, view, width, box, colours) {
 }
 
 function drawResponses(ctx, trace, view, width, box, colours) {
-  const { order, start, outcome, response, sources, besides } = trace;
+  const { order, start, outcome, response, sources } = trace;
   const low = after(trace, view.from);
   const high = after(trace, view.to);
   let most = Math.max(0, ...trace.deadlines);
@@ -98,7 +82,7 @@ function drawResponses(ctx, trace, view, width, box, colours) {
     const k = order[n];
     const px = (start[k] - view.from) * x;
     if (outcome[k] === MISSED && !(px - missed.at(-1) < 1)) missed.push(px);
-    if (outcome[k] < 0 || besides[k] || Number.isNaN(response[k])) continue;
+    if (outcome[k] < 0 || Number.isNaN(response[k])) continue;
     const py = box.height - response[k] * y;
     if (cells) {
       cells.put(px, py, outcome[k]);

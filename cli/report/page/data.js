@@ -44,15 +44,13 @@ export function decode(stored, words) {
   const instantOn = (line) => {
     if (!trace.lines) return at[line - 2];
     const i = upTo(trace.lines, line);
-    // Where a line is left out, what is shown before it stands for it.
-    return trace.thinned || trace.lines[i] === line ? at[Math.max(i, 0)] : undefined;
+    return trace.lines[i] === line ? at[i] : undefined;
   };
   trace.lineages = new Map((stored.lineages ?? []).map((one) => [one.t, one]));
   delete trace.x;
   delete trace.places;
   trace.violations = [...stored.violations, ...undetailed(stored.places)].map((violation) => ({ ...violation, instant: instantOn(violation.line) }));
   trace.detailed = stored.violations.length;
-  if (trace.thinned) trace.thinned = { ...trace.thinned, tiles: tiles(trace.thinned.tiles) };
   group(trace);
   outcomes(trace);
   return trace;
@@ -67,12 +65,6 @@ function upTo(numbers, most) {
     else high = middle;
   }
   return low - 1;
-}
-
-/** What became of all timestamps of a long trace, by when they began: each tile with its beginning. */
-function tiles({ width, first, tile, counts }) {
-  let number = 0;
-  return { width, counts, begin: Float64Array.from(tile, (step) => first + (number += step) * width) };
 }
 
 /** The violations of which the page knows the place and the rule alone. */
@@ -152,10 +144,7 @@ function outcomes(trace) {
   for (const violation of trace.violations) if (violation.t !== null) broken[violation.t] = 1;
   const row = rows(order, start, end);
   Object.assign(trace, { start, end, last, response, order, rank, broken, row, span, longest });
-  trace.duration = Math.max(finish, trace.thinned?.finish ?? 0, 1);
-  // Those that are shown beside every so many-th one would stand for too many in a picture of all.
-  trace.besides = new Uint8Array(size);
-  for (const k of trace.thinned?.besides ?? []) trace.besides[k] = 1;
+  trace.duration = Math.max(finish, 1);
   // One that is far beyond all responses would press them into a line.
   trace.deadlines = trace.deadlines.filter((deadline) => deadline <= 4 * (longest || deadline));
 }

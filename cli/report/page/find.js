@@ -33,27 +33,8 @@ export function filters(trace) {
     if (ev[i] === "d") put(5, `dropped ${drops[a[i]].word}`, t[i], drops[a[i]].sentence);
     else if (ev[i] === "n") put(6, `refused ${refusals[a[i]].word}`, t[i], refusals[a[i]].sentence);
   }
-  for (const { label, ...whole } of trace.thinned ? totals(trace) : []) {
-    if (whole.count > 0) found.set(label, { hits: new Set(), ...found.get(label), label, ...whole });
-  }
   const sorted = [...found.values()].sort((x, y) => x.group - y.group || y.count - x.count);
   return sorted.map((filter) => ({ ...filter, hits: ordered(filter.hits, rank) }));
-}
-
-/** How often there is what in the whole of a trace of which some timestamps are shown. */
-function totals({ account, sources, columns, refusals, drops, thinned }) {
-  const of = (group, label, count, title = "", quiet = false) => ({ group, label, title, quiet, count });
-  const [forwarded, ...fates] = columns.slice(1, -1);
-  return [
-    ...thinned.rules.map(([rule, sentence, count]) => of(0, `violation ${rule}`, count, sentence)),
-    of(1, "missed", account.missed), of(3, "open", account.open),
-    ...account.rows.flatMap(({ place, counts }) => [
-      of(2, `${forwarded[0]} ${sources[place].label}`, counts[1]),
-      ...fates.map(([word, meaning], n) => of(4, `${word} ${sources[place].label}`, counts[n + 2], meaning, QUIET.has(word))),
-    ]),
-    ...drops.map(({ word, sentence }, n) => of(5, `dropped ${word}`, thinned.drops[n], sentence)),
-    ...refusals.map(({ word, sentence }, n) => of(6, `refused ${word}`, thinned.refusals[n], sentence)),
-  ];
 }
 
 /** The timestamps that a query means, by their beginning. */

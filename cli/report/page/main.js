@@ -12,8 +12,7 @@ import { overview } from "./overview.js";
 import { showPolicies } from "./policies.js";
 import { redrawSpread, resizeSpread, showSpread } from "./spread.js";
 import { breach, showStory } from "./story.js";
-import { showLegend, showSummary, titleOf, violationsOf } from "./summary.js";
-import { showThinned } from "./thinned.js";
+import { showCap, showLegend, showSummary, titleOf, violationsOf } from "./summary.js";
 import { timeline } from "./timeline.js";
 import { markTrace, showTraces } from "./traces.js";
 
@@ -44,7 +43,7 @@ function show(which) {
   by("name").title = trace.file;
   document.title = `${stored.length > 1 ? counted(stored.length, "trace") : titleOf(trace)} – Fuseline report`;
   showSummary(trace);
-  showThinned(trace);
+  showCap(trace);
   showPolicies(trace);
   showLegend(trace);
   showSpread(trace);
@@ -68,8 +67,7 @@ function chip({ group, label, title, count: whole, hits }) {
     by("query").value = again ? "" : label;
     look(by("query").value);
   };
-  const apart = whole === hits.length ? "" : trace.thinned ? `${counted(hits.length, "timestamp")} shown`
-    : `${count(whole)} at ${counted(hits.length, "timestamp")}`;
+  const apart = whole === hits.length ? "" : `${count(whole)} at ${counted(hits.length, "timestamp")}`;
   return el("button", { type: "button", class: group < 2 ? "bad" : "", title: [title, apart].filter(Boolean).join("; ") || false, "aria-pressed": "false", "data-label": label, onclick: act },
     label, " ", el("span", {}, count(whole)));
 }
@@ -78,7 +76,7 @@ function showViolations() {
   by("all").hidden = trace.violations.length === 0;
   const { violations, detailed } = trace;
   const whole = violationsOf(trace);
-  const marked = whole > violations.length ? `; the timeline marks the first ${count(violations.length)}` : ", all of which the timeline marks";
+  const marked = trace.capped ? "; the timeline marks those that it shows" : ", all of which the timeline marks";
   by("all-title").textContent = whole > detailed ? `Violations: the first ${count(detailed)} of ${count(whole)}${marked}` : `Violations: ${count(whole)}`;
   by("cause").textContent = trace.cause ? `Likely: ${trace.cause}` : "";
   by("violations").replaceChildren(...violations.slice(0, detailed).map((violation) => {
@@ -100,9 +98,7 @@ function seen(view) {
     const span = view.to - view.from;
     const part = span >= trace.duration ? `${time(0)} to ${time(trace.duration)}`
       : `${time(span)} from ${from(view.from, span)} on`;
-    by("view").textContent = trace.thinned
-      ? `${part}, ${counted(some, "timestamp")} shown of ${count(trace.order.length)}; the trace has ${count(trace.thinned.timestamps)}`
-      : `${part}, ${counted(some, "timestamp")} of ${count(trace.order.length)}`;
+    by("view").textContent = `${part}, ${counted(some, "timestamp")} of ${count(trace.order.length)}`;
   }, 150);
 }
 
@@ -122,7 +118,7 @@ function look(query) {
 
 function say(query) {
   const { hits, at } = found;
-  by("hits").textContent = !query.trim() ? "" : hits.length === 0 ? (trace.thinned ? "none is shown" : "nothing found")
+  by("hits").textContent = !query.trim() ? "" : hits.length === 0 ? "nothing found"
     : at < 0 ? `${counted(hits.length, "timestamp")} found` : `${count(at + 1)} of ${count(hits.length)}`;
 }
 

@@ -11,7 +11,7 @@ const STEPS = [1, 2, 2.5, 5, 10];
 let plot;
 
 export function showSpread(trace) {
-  const { tally, all } = trace.thinned ? counted(trace) : times(trace);
+  const { tally, all } = times(trace);
   const host = by("spread");
   plot?.destroy();
   plot = undefined;
@@ -25,9 +25,9 @@ export function showSpread(trace) {
   const bins = Math.floor(top / bin) + 1;
   const tail = longest >= bins * bin;
   const shown = tally.filter((of) => of.total > 0);
-  const counts = shown.map(({ times, often }) => {
+  const counts = shown.map(({ times }) => {
     const bars = new Float64Array(bins);
-    times.forEach((response, n) => (bars[Math.min(bins - 1, Math.max(0, Math.floor(response / bin)))] += often ? often[n] : 1));
+    for (const response of times) bars[Math.min(bins - 1, Math.max(0, Math.floor(response / bin)))]++;
     return bars;
   });
   // Stacked: each series is drawn from 0 over those before it, the whole first.
@@ -64,12 +64,7 @@ export const resizeSpread = () => plot?.setSize({ width: by("spread").clientWidt
 export const redrawSpread = () => plot?.redraw(false);
 
 /** The p-th part of sorted times, by the nearest rank. */
-function part({ times, often, total }, p) {
-  const rank = Math.max(1, Math.ceil(p * total));
-  if (!often) return times[rank - 1] ?? NaN;
-  let passed = 0;
-  return times[often.findIndex((n) => (passed += n) >= rank)] ?? NaN;
-}
+const part = ({ times, total }, p) => times[Math.max(1, Math.ceil(p * total)) - 1] ?? NaN;
 
 /** The response times that each source's results had, and all, sorted. */
 function times({ sources, outcome, response }) {
@@ -77,18 +72,6 @@ function times({ sources, outcome, response }) {
   for (let k = 0; k < outcome.length; k++) if (outcome[k] >= 0 && !Number.isNaN(response[k])) tally[outcome[k]].times.push(response[k]);
   const all = Float64Array.from(tally.flatMap(({ times }) => times)).sort();
   return { tally: tally.map((of) => ({ ...of, total: of.times.length })), all: { times: all, total: all.length } };
-}
-
-/** The same of a long trace, of which each time comes with how often it occurs. */
-function counted({ sources, thinned }) {
-  const sum = (all) => all.reduce((sum, n) => sum + n, 0);
-  const tally = sources.map((source, place) => {
-    const [, steps, often] = thinned.responses.find(([of]) => of === place) ?? [place, [], []];
-    let time = 0;
-    return { source, times: steps.map((step) => (time += step)), often, total: sum(often) };
-  });
-  const pairs = tally.flatMap(({ times, often }) => times.map((time, n) => [time, often[n]])).sort(([a], [b]) => a - b);
-  return { tally, all: { times: pairs.map(([time]) => time), often: pairs.map(([, n]) => n), total: sum(tally.map(({ total }) => total)) } };
 }
 
 /** A line for each deadline, named above the plot. */

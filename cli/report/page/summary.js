@@ -12,7 +12,7 @@ export function titleOf({ operator, file }) {
   return operator ? `${operator} · ${name}` : name;
 }
 
-export const violationsOf = ({ violations, places, thinned }) => thinned?.violations ?? violations.length + (places?.line.length ?? 0);
+export const violationsOf = ({ violations, places, capped }) => capped?.violations ?? violations.length + (places?.line.length ?? 0);
 
 /** Which colour a verdict has: green only without doubt. */
 export const colourOf = (trace) => violationsOf(trace) ? "bad" : trace.doubts.length ? "doubt" : "good";
@@ -101,4 +101,13 @@ export function showLegend(trace) {
     ...(trace.violations.length ? [item(mark("violation"), "violation")] : []),
     item(mark("hit"), "found"),
   );
+}
+
+/** What the page does not show of a trace that is too long for it, and how to see that. */
+export function showCap({ capped, length, lineOf }) {
+  by("capped").hidden = !capped;
+  if (!capped) return;
+  by("capped").textContent = `The page ends at line ${count(lineOf(length - 1))}: it shows the first ${count(length)} of ${counted(capped.events, "event")}. `
+    + "The verdict and the violations are about the whole trace, and all other figures about what is shown. "
+    + "fuseline report --from 10m --to 12m shows two other minutes, --timestamps 1000..2000 these timestamps.";
 }

@@ -1,8 +1,8 @@
 //! A judged trace as columns of small numbers, for the page.
 //!
 //! Events stand in the order of the file, so that in a whole trace an event's line is its place plus 2. Instants are
-//! differences: the page reads them as doubles, exact up to 104 days. Of a trace with too many events some are shown, and sums of
-//! all: see [`thinned`](crate::thinned).
+//! differences: the page reads them as doubles, exact up to 104 days. Of a trace with too many events the first ones are
+//! shown and counted, and the verdict is about all.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,23 +19,23 @@ use crate::notes::RunNotes;
 use crate::quantile::Quantile;
 use crate::reasons;
 use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
-use crate::thinned::{SpecialCause, ThinnedColumns, ThinnedTotals, ThinnedTrace};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
 /// How many of the times at which requests are due are drawn.
 const DEADLINES: usize = 3;
-/// How many violations beyond the listed ones a thinned trace marks.
+/// How many violations beyond the listed ones a capped trace names.
 const MARKS: usize = 1 << 16;
 
 /// One trace while it is read.
 pub(crate) struct TraceColumns {
-    /// With their lines; empty once the trace is thinned.
+    /// The first ones with their lines.
     events: Vec<(u64, Event)>,
     is_part: bool,
-    /// How many events are shown whole.
+    /// How many events are shown at most.
     most: usize,
-    thinned: Option<ThinnedTrace>,
+    /// How many events came after those.
+    left_out: u64,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
     statistics: TraceStatistics,
@@ -107,7 +107,14 @@ pub(crate) struct PageTrace {
     line: Option<Vec<ExactNumber>>,
     /// If events are left out for their number.
     #[serde(skip_serializing_if = "Option::is_none")]
-    thinned: Option<ThinnedColumns>,
+    capped: Option<CappedSums>,
+}
+
+/// What the whole of a trace has of which the page shows the first events.
+#[derive(Serialize)]
+struct CappedSums {
+    events: u64,
+    violations: u64,
 }
 
 /// What one message comes from.
@@ -201,7 +208,7 @@ impl TraceColumns {
             events: Vec::new(),
             is_part: false,
             most,
-            thinned: None,
+            left_out: 0,
             sources: BTreeMap::new(),
             statistics: TraceStatistics::new(
                 header.clouds.iter().map(|cloud| cloud.p),
@@ -226,7 +233,12 @@ impl TraceColumns {
         self
     }
 
+    /// Takes the next event. Those that are too many are counted, and change nothing else.
     pub(crate) fn push(&mut self, line: u64, event: Event, annotations: &Annotations) {
+        if self.events.len() >= self.most {
+            self.left_out += 1;
+            return;
+        }
         let Annotations { origin, age, missing, .. } = annotations;
         if let Event::Input(Input::Open { t, .. }) = event
             && (origin.is_some() || age.is_some() || !missing.is_empty())
@@ -239,50 +251,12 @@ impl TraceColumns {
             self.source(p);
         }
         self.deadlines.event(&event);
-        let Some(thinned) = &mut self.thinned else {
-            self.statistics.event(&event);
-            return self.events.push((line, event));
-        };
-        // A refusal is counted whatever it is about.
-        let is_refusal = matches!(
-            event,
-            Event::Decision(Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. })
-        );
-        if thinned.push(line, event) || is_refusal {
-            self.statistics.event(&event);
-        }
+        self.statistics.event(&event);
+        self.events.push((line, event));
     }
 
-    /// Whether there are more events than are shown, so that [`thin`](Self::thin) is to be called after each.
-    pub(crate) const fn is_long(&self) -> bool {
-        self.thinned.is_some() || self.events.len() >= self.most
-    }
-
-    /// Leaves events out if there are too many, but not those of timestamps that `broken` names if there is room.
-    pub(crate) fn thin(&mut self, broken: impl IntoIterator<Item = u64>) {
-        let thinned = self.thinned.get_or_insert_with(|| {
-            let mut thinned = ThinnedTrace::new(self.most);
-            for (line, event) in std::mem::take(&mut self.events) {
-                thinned.push(line, event);
-            }
-            self.deadlines.bound();
-            thinned
-        });
-        broken.into_iter().for_each(|t| thinned.show(t, SpecialCause::Broken));
-        if thinned.is_due() {
-            thinned.settle(&mut self.statistics, &self.sources);
-            self.lineages.retain(|t, _| thinned.holds(*t));
-        }
-    }
-
-    /// Leaves to the page what it shows in the end. Answers how many events these are.
-    pub(crate) fn settle(&mut self, broken: impl IntoIterator<Item = u64>) -> usize {
-        if self.is_long() {
-            self.thin(broken);
-        }
-        if let Some(thinned) = &mut self.thinned {
-            self.events = thinned.finish(&mut self.statistics, &self.sources);
-        }
+    /// How many events are shown.
+    pub(crate) const fn len(&self) -> usize {
         self.events.len()
     }
 
@@ -303,8 +277,7 @@ impl TraceColumns {
         timestamps.sort_unstable();
         timestamps.dedup();
         let place = |t: u64| timestamps.binary_search(&t).ok();
-        let origin = self.thinned.as_ref().map(ThinnedTrace::origin);
-        let origin = origin.or(events().map(instant).min()).unwrap_or_default();
+        let origin = events().map(instant).min().unwrap_or_default();
         let summary = verdict.summary();
         let mut page_trace = PageTrace {
             file: summary.file.to_owned(),
@@ -341,14 +314,14 @@ impl TraceColumns {
             t: Vec::with_capacity(self.events.len()),
             p: Vec::with_capacity(self.events.len()),
             x: Vec::new(),
-            line: (self.is_part || self.thinned.is_some()).then(|| {
+            line: self.is_part.then(|| {
                 let lines: Vec<u64> = self.events.iter().map(|(line, _)| *line).collect();
                 differences(&lines)
             }),
-            thinned: self
-                .thinned
-                .as_ref()
-                .map(|it| it.columns(self.totals(origin, verdict), place)),
+            capped: (self.left_out > 0).then(|| CappedSums {
+                events: self.len() as u64 + self.left_out,
+                violations: summary.violations,
+            }),
         };
         let (mut at, mut t) = (origin, 0);
         for event in events() {
@@ -368,29 +341,8 @@ impl TraceColumns {
 
     /// The violations that are marked beside those listed.
     fn marked<'a>(&self, places: &'a [RulePlace]) -> &'a [RulePlace] {
-        let most = if self.thinned.is_some() { MARKS } else { usize::MAX };
+        let most = if self.left_out > 0 { MARKS } else { usize::MAX };
         &places[..places.len().min(most)]
-    }
-
-    /// What the page says of a long trace beside what it shows.
-    fn totals(&self, origin: u64, verdict: &Findings) -> ThinnedTotals {
-        let mut rules: Vec<(&'static str, &'static str, u64)> = Vec::new();
-        let listed = verdict.violations();
-        let places = verdict.places();
-        let broken = listed.iter().map(|violation| violation.rule);
-        for (id, sentence) in broken.chain(places.iter().map(|place| place.rule)) {
-            match rules.iter_mut().find(|(known, ..)| *known == id) {
-                Some((.., count)) => *count += 1,
-                None => rules.push((id, sentence, 1)),
-            }
-        }
-        let responses = self.statistics.response_counts().into_iter();
-        ThinnedTotals {
-            origin,
-            responses: responses.map(|(p, counts)| (self.place(p), counts)).collect(),
-            violations: verdict.summary().violations,
-            rules,
-        }
     }
 
     /// The place of a source that the trace mentions.
@@ -413,8 +365,7 @@ impl TraceColumns {
     }
 
     fn outcome(&self, t: u64) -> i64 {
-        let settled = self.thinned.as_ref().and_then(|thinned| thinned.end_of(t));
-        match settled.map_or_else(|| self.statistics.outcome(t), |(outcome, _)| outcome) {
+        match self.statistics.outcome(t) {
             TimestampOutcome::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
             TimestampOutcome::Missed => -1,
             TimestampOutcome::Open => -2,
@@ -426,11 +377,7 @@ impl TraceColumns {
         let mut sources: Vec<(usize, u64)> =
             self.sources.iter().map(|(p, place)| (*place, *p)).collect();
         sources.sort_unstable();
-        let fate = |t: u64, p: u64| {
-            let settled = self.thinned.as_ref().and_then(|thinned| thinned.end_of(t));
-            let of = |(_, fates)| Some(self.statistics.fate(fates, p));
-            settled.map_or_else(|| self.statistics.request_outcome(t, p), of).unwrap_or_default()
-        };
+        let fate = |t: u64, p: u64| self.statistics.request_outcome(t, p).unwrap_or_default();
         let fate = &fate;
         let fates = timestamps.iter().flat_map(|t| sources.iter().map(move |(_, p)| fate(*t, *p)));
         fates

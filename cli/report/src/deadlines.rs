@@ -5,8 +5,6 @@ use std::collections::BTreeMap;
 
 use fuseline_traces::{Commit, Decision, Event, Input, OpenRefusal};
 
-use crate::counts::ValueCounts;
-
 /// No more messages are kept to find when a request's was opened.
 const OPEN: usize = 4096;
 /// To how many decimal digits the times from the message are rounded: requests are sent some microseconds after it.
@@ -15,31 +13,19 @@ const DIGITS: u32 = 3;
 /// How often requests of each source had so long, in nanoseconds.
 pub(crate) struct RequestDeadlines {
     commit: Commit,
-    of: BTreeMap<u64, SourceDeadlines>,
+    of: BTreeMap<u64, Counts>,
     /// From a request's message until the request is due, rounded.
-    after_open: ValueCounts,
+    after_open: Counts,
     /// When the open messages came.
     opened: BTreeMap<u64, u64>,
-    is_bounded: bool,
 }
 
-/// Those of one source.
-#[derive(Default)]
-struct SourceDeadlines {
-    counts: ValueCounts,
-    /// The greatest, exactly.
-    greatest: u64,
-}
+/// How often each value occurs.
+type Counts = BTreeMap<u64, u64>;
 
 impl RequestDeadlines {
     pub(crate) fn new(commit: Commit) -> Self {
-        Self {
-            commit,
-            of: BTreeMap::new(),
-            after_open: ValueCounts::default(),
-            opened: BTreeMap::new(),
-            is_bounded: false,
-        }
+        Self { commit, of: BTreeMap::new(), after_open: Counts::new(), opened: BTreeMap::new() }
     }
 
     pub(crate) fn event(&mut self, event: &Event) {
@@ -53,7 +39,7 @@ impl RequestDeadlines {
             Event::Decision(Decision::Request { at, t, p, due }) => {
                 self.add(p, due.saturating_sub(at));
                 let opened = self.opened.get(&t).copied().unwrap_or(at);
-                self.after_open.add(rounded(due.saturating_sub(opened)), 1);
+                *self.after_open.entry(rounded(due.saturating_sub(opened))).or_default() += 1;
             }
             Event::Decision(
                 Decision::RefuseOpen { t, why: OpenRefusal::Full | OpenRefusal::Deadline, .. }
@@ -70,37 +56,26 @@ impl RequestDeadlines {
     }
 
     fn add(&mut self, p: u64, deadline: u64) {
-        let is_bounded = self.is_bounded;
-        let source = self.of.entry(p).or_insert_with(|| {
-            let mut source = SourceDeadlines::default();
-            if is_bounded {
-                source.counts.bound();
-            }
-            source
-        });
-        source.counts.add(deadline, 1);
-        source.greatest = source.greatest.max(deadline);
-    }
-
-    /// Bounds its memory: very many different deadlines are rounded down from here on.
-    pub(crate) fn bound(&mut self) {
-        self.is_bounded = true;
-        self.after_open.bound();
-        self.of.values_mut().for_each(|source| source.counts.bound());
+        *self.of.entry(p).or_default().entry(deadline).or_default() += 1;
     }
 
     /// The commonest times from a message until a request is due, so many at most.
     pub(crate) fn commonest(&self, most: usize) -> Vec<u64> {
-        let mut counted: Vec<(u64, u64)> = self.after_open.iter().collect();
-        counted.sort_by_key(|(deadline, count)| (Reverse(*count), *deadline));
-        counted.into_iter().take(most).map(|(deadline, _)| deadline).collect()
+        let mut counted: Vec<(&u64, &u64)> = self.after_open.iter().collect();
+        counted.sort_by_key(|(deadline, count)| (Reverse(**count), **deadline));
+        counted.into_iter().take(most).map(|(deadline, _)| *deadline).collect()
     }
 
     /// The least, the median by nearest rank, and the greatest of a source; none if nothing was requested of it.
     pub(crate) fn spread(&self, p: u64) -> Option<[u64; 3]> {
-        let SourceDeadlines { counts, greatest } = self.of.get(&p)?;
-        let (least, _) = counts.iter().next()?;
-        Some([least, counts.of_rank(counts.total().div_ceil(2))?, *greatest])
+        let counts = self.of.get(&p)?;
+        let rank = counts.values().sum::<u64>().div_ceil(2);
+        let mut passed = 0;
+        let median = counts.iter().find_map(|(deadline, count)| {
+            passed += count;
+            (passed >= rank).then_some(*deadline)
+        });
+        Some([*counts.first_key_value()?.0, median?, *counts.last_key_value()?.0])
     }
 }
 

@@ -197,21 +197,6 @@ impl TraceJudge {
         all.into_iter().skip(page_trace).collect()
     }
 
-    /// The timestamps of the violations found beyond the first `known`, which are known then.
-    pub(crate) fn broken_since(&self, known: &mut usize) -> Vec<u64> {
-        match (&self.part, &self.judge) {
-            (Some(part), _) => part.found.broken_since(known),
-            (None, EitherJudge::Strict(judge)) => {
-                let Verdict { violations, places, .. } = judge.so_far();
-                since(known, violations, places, |violation| violation.t)
-            }
-            (None, EitherJudge::Observed(judge)) => {
-                let observed::Verdict { violations, places, .. } = judge.so_far();
-                since(known, violations, places, |violation| violation.t)
-            }
-        }
-    }
-
     /// The verdict on the whole: what is not there is missing. Violations stand by their lines.
     #[must_use]
     pub fn finish(self) -> Findings {
@@ -350,21 +335,6 @@ impl<V, R> PartList<'_, V, R> {
     }
 }
 
-/// The timestamps of violations, listed and not, beyond the first `known`.
-fn since<V, R>(
-    known: &mut usize,
-    listed: &[V],
-    places: &[ViolationPlace<R>],
-    of: fn(&V) -> Option<u64>,
-) -> Vec<u64> {
-    let from = std::mem::replace(known, listed.len() + places.len());
-    if from == *known {
-        return Vec::new();
-    }
-    let all = listed.iter().map(of).chain(places.iter().map(|place| place.t));
-    all.skip(from).flatten().collect()
-}
-
 fn place_of(violation: &Violation) -> ViolationPlace<Rule> {
     ViolationPlace { line: violation.line, t: violation.t, rule: violation.rule }
 }
@@ -461,22 +431,6 @@ impl Findings {
                     lines: *lines,
                     violations: violations.len() as u64 + *more,
                 }
-            }
-        }
-    }
-
-    /// The timestamps that break a rule, as far as their places are known.
-    pub(crate) fn broken(&self) -> Vec<u64> {
-        self.broken_since(&mut 0)
-    }
-
-    fn broken_since(&self, known: &mut usize) -> Vec<u64> {
-        match self {
-            Self::Strict(Verdict { violations, places, .. }) => {
-                since(known, violations, places, |violation| violation.t)
-            }
-            Self::Observed(observed::Verdict { violations, places, .. }) => {
-                since(known, violations, places, |violation| violation.t)
             }
         }
     }

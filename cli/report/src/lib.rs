@@ -1,7 +1,6 @@
 #![doc = include_str!("../README.md")]
 
 mod columns;
-mod counts;
 mod deadlines;
 mod judging;
 mod notes;
@@ -11,8 +10,6 @@ pub mod policies;
 mod quantile;
 mod reasons;
 mod statistics;
-mod thinned;
-mod tiles;
 mod timestamp_map;
 mod trace_page;
 

@@ -12,12 +12,11 @@ use std::time::Duration;
 
 use fuseline_traces::{Commit, Decision, DropReason, Event, Input};
 
-use crate::counts::ValueCounts;
 use crate::quantile::{ArrivalTime, Quantile};
 use crate::statistics::history::{
     CallEnd, OutcomeColumn, RequestEnd, RequestHistory, TimestampHistory,
 };
-use crate::statistics::sums::{MessageSums, ResponseTimes};
+use crate::statistics::sums::MessageSums;
 use crate::timestamp_map::TimestampMap;
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
@@ -57,26 +56,7 @@ pub struct TraceStatistics {
     /// Opens refused.
     turned_away: u64,
     stories: TimestampMap<TimestampHistory>,
-    /// Sums over the timestamps that are looked at no more; none while all are.
-    folded: Option<MessageSums>,
     timer_lag: Option<Duration>,
-}
-
-/// A timestamp as it is counted.
-pub(crate) struct CountedTimestamp {
-    pub(crate) t: u64,
-    /// When its message came, else when it ended; none of what is no message.
-    pub(crate) begin: Option<u64>,
-    pub(crate) outcome: TimestampOutcome,
-    /// What became of each source's request: see [`TraceStatistics::fate`].
-    pub(crate) fates: Vec<u8>,
-}
-
-impl CountedTimestamp {
-    /// One of which there is no more than a refusal.
-    pub(crate) const fn unopened(t: u64) -> Self {
-        Self { t, begin: None, outcome: TimestampOutcome::Unopened, fates: Vec::new() }
-    }
 }
 
 /// What a trace comes to.
@@ -207,7 +187,6 @@ impl TraceStatistics {
             has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
             stories: TimestampMap::default(),
-            folded: None,
             timer_lag: None,
         }
     }
@@ -337,7 +316,7 @@ impl TraceStatistics {
         let row = |(source, p): (usize, &u64)| {
             let mut counts = sums.rows.get(source).copied().unwrap_or_default();
             counts[7] = self.refused.get(source).copied().unwrap_or_default();
-            RequestRow { p: *p, counts, response: sums.responses.of(source) }
+            RequestRow { p: *p, counts, response: sums.response_of(source) }
         };
         let rows = self.priorities.iter().enumerate().map(row).collect();
         let MessageSums { forwarded, missed, open, .. } = sums;
@@ -347,62 +326,17 @@ impl TraceStatistics {
             missed,
             refused: self.turned_away,
             open,
-            response: sums.responses.all(missed + self.turned_away),
+            response: sums.response_of_all(missed + self.turned_away),
             rows,
         }
     }
 
     fn sums(&self) -> MessageSums {
-        let mut sums = self.folded.clone().unwrap_or_default();
+        let mut sums = MessageSums::default();
         for (_, story) in self.stories.iter() {
             sums.add(story, &story.fates(self.priorities.len(), self.is_observed));
         }
         sums
-    }
-
-    /// Bounds memory: looks no more at the timestamps that `is_settled` names, given whether each waits for something yet.
-    /// They stay in the sums; what comes for them later must not be taken.
-    pub(crate) fn fold(
-        &mut self,
-        is_settled: impl Fn(u64, bool) -> bool,
-        mut each: impl FnMut(CountedTimestamp),
-    ) {
-        let Self { stories, folded, priorities, is_observed, .. } = self;
-        let sums = folded.get_or_insert_with(MessageSums::bounded);
-        stories.retain(|t, story| {
-            let waits = story.is_message() && story.end.is_none();
-            let is_settled = is_settled(t, waits);
-            if is_settled {
-                let one = counted(t, story, priorities, *is_observed);
-                sums.add(story, &one.fates);
-                each(one);
-            }
-            !is_settled
-        });
-    }
-
-    /// Whether a timestamp is still looked at.
-    pub(crate) fn has(&self, t: u64) -> bool {
-        self.stories.has(t)
-    }
-
-    /// The timestamps that are still looked at.
-    pub(crate) fn counted(&self) -> impl Iterator<Item = CountedTimestamp> {
-        let counted = |(t, story): (u64, _)| counted(t, story, &self.priorities, self.is_observed);
-        self.stories.iter().map(counted)
-    }
-
-    /// What became of the request to a source of a timestamp that was counted, as its index in [`COLUMNS`]; 0 if there is none.
-    pub(crate) fn fate(&self, fates: &[u8], p: u64) -> usize {
-        self.source(p).and_then(|source| fates.get(source)).copied().map_or(0, usize::from)
-    }
-
-    /// The response times that each source's results had, by its priority, once they are counted in bounded memory.
-    pub(crate) fn response_counts(&self) -> Vec<(u64, ValueCounts)> {
-        match self.sums().responses {
-            ResponseTimes::Exact(_) => Vec::new(),
-            ResponseTimes::Counted(times) => self.priorities.iter().copied().zip(times).collect(),
-        }
     }
 
     /// The messages that ended, for the policies: each with what each known source gave.
@@ -474,15 +408,4 @@ fn outcome(story: &TimestampHistory, priorities: &[u64]) -> TimestampOutcome {
         None if story.is_message() => TimestampOutcome::Open,
         None => TimestampOutcome::Unopened,
     }
-}
-
-fn counted(
-    t: u64,
-    story: &TimestampHistory,
-    priorities: &[u64],
-    is_observed: bool,
-) -> CountedTimestamp {
-    let begin = story.begin().or(story.end.map(|end| end.at));
-    let fates = story.fates(priorities.len(), is_observed);
-    CountedTimestamp { t, begin, outcome: outcome(story, priorities), fates }
 }

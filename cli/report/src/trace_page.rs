@@ -11,8 +11,8 @@ use crate::notes::RunNotes;
 use crate::page::{self, Data};
 use crate::part::{PartFilter, TraceRange};
 
-/// How many events a page of one trace holds. Of a longer trace it holds those of each so many-th timestamp, of the first that break
-/// a rule and of the first that are missed, and sums of all.
+/// How many events a page of one trace holds. Of a longer trace it shows and counts the first ones, and says so; the verdict is
+/// about all.
 pub const MOST_EVENTS: usize = 1_250_000;
 /// A trace takes such a part of what a page can hold of several, which so never is full.
 const PART: usize = 8;
@@ -33,8 +33,6 @@ pub struct TracePage<'a> {
     columns: TraceColumns,
     notes: Option<RunNotes>,
     part: Option<PartFilter>,
-    /// How many violations the columns know.
-    broken: usize,
 }
 
 impl Default for PageWriter {
@@ -57,7 +55,6 @@ impl PageWriter {
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
             columns: TraceColumns::new(header, mode.is_some(), self.room / PART),
-            broken: 0,
             notes: None,
             part: None,
             page: self,
@@ -133,9 +130,6 @@ impl TracePage<'_> {
             return Ok(());
         }
         self.columns.push(line, event, annotations);
-        if self.columns.is_long() {
-            self.columns.thin(self.judging.broken_since(&mut self.broken));
-        }
         Ok(())
     }
 
@@ -163,13 +157,12 @@ impl TracePage<'_> {
         self.end(|judging| (finish(judging), false)).0
     }
 
-    fn end(mut self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
-        let events = self.columns.settle(found.broken());
         let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
         shown.run = self.notes;
         self.page.page_trace.push(shown);
-        self.page.room = self.page.room.saturating_sub(events);
+        self.page.room = self.page.room.saturating_sub(self.columns.len());
         (found, is_cut)
     }
 }

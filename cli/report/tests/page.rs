@@ -11,15 +11,13 @@ use std::collections::BTreeMap;
 
 use drawn::DrawnTrace;
 use fuseline_report::PageWriter;
-use fuseline_traces::{Annotations, Decision, Event, Events, Input, OpenRefusal, Origin};
-use recount::RecountedSpan;
+use fuseline_traces::{Annotations, Decision, Event, Events, Input, Origin};
 use serde_json::{Value, json};
 
 const TRACES: u64 = 60;
 
 /// What a page has of a trace for its script.
-fn data_of(trace: &DrawnTrace, most: usize) -> Value {
-    let text = trace.text();
+fn data_of(text: &str, most: usize) -> Value {
     let mut events = Events::observed("trace", text.as_bytes()).unwrap();
     let mut page = PageWriter::with_most_events(most);
     let mut canvas = page.begin(None, "trace", events.header());
@@ -93,7 +91,7 @@ fn parts(event: &Event) -> (char, Option<u64>, Vec<Value>) {
 fn each_event_is_read_back_with_all_that_it_says() {
     for number in 0..TRACES {
         let trace = DrawnTrace::draw(number);
-        let page = data_of(&trace, 1 << 20);
+        let page = data_of(&trace.text(), 1 << 20);
         let shown = &page["traces"][0];
         let sources = shown["sources"].as_array().unwrap();
         for source in sources {
@@ -196,93 +194,44 @@ fn deadlines(trace: &DrawnTrace, shown: &Value) {
     }
 }
 
-/// D11: what a page says of a whole trace of which it shows a part.
+/// D11: a page that cannot hold a trace is the page of its first events, with the verdict on all.
 #[test]
-fn the_sums_of_a_thinned_page_are_those_of_a_recount() {
-    let mut thinned = 0;
+fn a_capped_page_is_that_of_the_first_events() {
+    let mut capped = 0;
     for number in 0..TRACES {
         let trace = DrawnTrace::draw(number);
-        let page = data_of(&trace, 32);
-        let shown = &page["traces"][0];
-        let Value::Object(sums_of_all) = &shown["thinned"] else { continue };
-        thinned += 1;
-        let instants = trace.events.iter().map(|(event, _)| i128::from(instant(event)));
-        let (first, last) = (instants.clone().min().unwrap(), instants.max().unwrap());
-        assert_eq!(exact(&shown["origin"]), first);
-        assert_eq!(exact(&sums_of_all["finish"]), last - first);
-        assert!(sums_of_all["error"].as_f64().is_some_and(|error| error == 0.0));
-        for (kind, letter) in [("drops", 'd'), ("refusals", 'n')] {
-            let words = page[kind].as_array().unwrap().iter().enumerate();
-            for ((index, word), count) in words.zip(sums_of_all[kind].as_array().unwrap()) {
-                // An open's and an offer's reasons may have one word.
-                let is_of_open = letter == 'n' && index < OpenRefusal::ALL.len();
-                let has = |event: &Event| {
-                    let (own, p, extra) = parts(event);
-                    own == letter && extra[0] == word["word"] && p.is_none() == is_of_open
-                };
-                let expected = trace.events.iter().filter(|(event, _)| has(event)).count();
-                assert_eq!(*count, expected, "{kind} {}", word["word"]);
+        let (shown, whole) = (data_of(&trace.text(), 32), data_of(&trace.text(), usize::MAX));
+        let [shown, whole] = [&shown, &whole].map(|page| &page["traces"][0]);
+        assert!(whole["capped"].is_null());
+        if trace.events.len() <= 32 {
+            assert_eq!(shown, whole);
+            continue;
+        }
+        capped += 1;
+        let text = trace.text();
+        let first: String = text.split_inclusive('\n').take(33).collect();
+        let first = data_of(&first, usize::MAX);
+        let about_all = ["conforms", "judged", "doubts", "cause", "lines", "violations", "places"];
+        for (key, value) in shown.as_object().unwrap() {
+            let violations = whole["violations"].as_array().unwrap();
+            let rules = |page: &Value| {
+                let rows = page["violations"].as_array().unwrap().iter();
+                rows.map(|row| (row["line"].clone(), row["rule"].clone())).collect::<Vec<_>>()
+            };
+            match key.as_str() {
+                "violations" => assert_eq!(rules(shown), rules(whole)),
+                "places" => assert_eq!(value["line"], whole[key]["line"]),
+                "capped" => {
+                    let more = whole["places"]["line"].as_array().unwrap().len();
+                    let (events, violations) = (trace.events.len(), violations.len() + more);
+                    assert_eq!(*value, json!({ "events": events, "violations": violations }));
+                }
+                key if about_all.contains(&key) => assert_eq!(*value, whole[key], "{key}"),
+                key => assert_eq!(*value, first["traces"][0][key], "{key}"),
             }
         }
-        let (messages, _) = trace.recount(|_, _| false);
-        let places = shown["sources"].as_array().unwrap().iter().map(|source| exact(&source["p"]));
-        let places: Vec<i128> = places.collect();
-        let place = |p: u64| places.iter().position(|other| *other == p.into()).unwrap();
-        tiles(&sums_of_all["tiles"], &messages, first, place);
-        responses(&trace, &sums_of_all["responses"], &messages, place);
     }
-    assert!(thinned > 10, "{thinned}");
-}
-
-/// How many messages of each span of time were missed, are open and were forwarded by each source.
-fn tiles(shown: &Value, messages: &[RecountedSpan], origin: i128, place: impl Fn(u64) -> usize) {
-    let width = exact(&shown["width"]);
-    let mut expected = BTreeMap::<i128, Vec<u64>>::new();
-    for RecountedSpan { opened, by, end, .. } in messages {
-        let column = match (end, by) {
-            (None, _) => 1,
-            (Some(_), None) => 0,
-            (Some(_), Some(p)) => 2 + place(*p),
-        };
-        let tile = expected.entry(i128::from(*opened) / width).or_insert_with(|| vec![0; 2]);
-        tile.resize(tile.len().max(column + 1), 0);
-        tile[column] += 1;
-    }
-    let first = exact(&shown["first"]) + origin;
-    let read = sums(&shown["tile"]).into_iter().zip(shown["counts"].as_array().unwrap());
-    let read = read.map(|(number, counts)| {
-        let counts = counts.as_array().unwrap().iter().map(|count| count.as_u64().unwrap());
-        (first / width + number, counts.collect::<Vec<_>>())
-    });
-    assert_eq!(read.collect::<BTreeMap<_, _>>(), expected);
-}
-
-/// The response times of each source's results that answered messages.
-fn responses(
-    trace: &DrawnTrace,
-    shown: &Value,
-    messages: &[RecountedSpan],
-    place: impl Fn(u64) -> usize,
-) {
-    let mut expected = BTreeMap::<usize, BTreeMap<i128, u64>>::new();
-    for RecountedSpan { t, opened, by, .. } in messages.iter().filter(|it| it.end.is_some()) {
-        let sent = trace.events.iter().rev().find_map(|(event, _)| match event {
-            Event::Decision(Decision::Emit { at, t: of, .. }) if of == t => Some(*at),
-            _ => None,
-        });
-        if let (Some(sent), Some(p)) = (sent, by) {
-            let times = expected.entry(place(*p)).or_default();
-            *times.entry(i128::from(sent.saturating_sub(*opened))).or_default() += 1;
-        }
-    }
-    let read = shown.as_array().unwrap().iter().map(|row| {
-        let times = sums(&row[1]).into_iter().zip(row[2].as_array().unwrap());
-        let times = times.map(|(time, count)| (time, count.as_u64().unwrap()));
-        (usize::try_from(exact(&row[0])).unwrap(), times.collect::<BTreeMap<_, _>>())
-    });
-    let read: BTreeMap<usize, BTreeMap<i128, u64>> =
-        read.filter(|(_, times)| !times.is_empty()).collect();
-    assert_eq!(read, expected);
+    assert!(capped > 10, "{capped}");
 }
 
 /// D2, D18: which values a source may send is for the header and the values to say.
