@@ -1,65 +1,41 @@
-//! The live view: a line on a terminal, else a plain line now and then.
+//! What a probe shows while it runs.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::Write;
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressStyle};
-
-use crate::diagnostics::print_line;
 use crate::probe::log::ProbeLog;
 use crate::probe::options::Args;
 use crate::probe::summary::{counted, quantile};
+use crate::progress::ProgressLine;
 
 /// What standard error shows while the probe runs.
 pub(crate) struct ProbeProgress {
-    bar: Option<ProgressBar>,
+    line: ProgressLine,
     span: Option<Duration>,
 }
 
 impl ProbeProgress {
     pub(crate) fn new(args: &Args) -> Self {
-        let bar = io::stderr().is_terminal().then(|| {
-            let total = args.span.map(|span| u64::try_from(span.as_millis()).unwrap_or(u64::MAX));
-            // The words on a line of their own, which is cut at the terminal's edge.
-            let bar = if total.is_some() { "{bar:24.cyan/dim} {prefix}" } else { "{prefix}" };
-            let template = format!("{bar}\n{{wide_msg}}");
-            let style = ProgressStyle::with_template(&template);
-            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-            total.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
-        });
-        Self { bar, span: args.span }
+        Self { line: ProgressLine::new(args.span), span: args.span }
     }
 
     pub(crate) const fn period(&self) -> Duration {
-        match self.bar {
-            Some(_) => Duration::from_millis(200),
-            None => Duration::from_secs(5),
-        }
+        self.line.period()
     }
 
     /// Shows how things are, `now` since the beginning.
     pub(crate) fn show<W: Write>(&self, log: &ProbeLog<W>, now: Duration) {
-        let (time, state) = (self.time(now), state(log));
-        match &self.bar {
-            Some(bar) => {
-                bar.set_position(u64::try_from(now.as_millis()).unwrap_or(u64::MAX));
-                bar.set_prefix(time);
-                bar.set_message(state);
-            }
-            None => print_line(format!("{time}: {state}")),
-        }
+        self.line.show(now, time(self.span, now), state(log));
     }
 
     pub(crate) fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
+        self.line.end();
     }
+}
 
-    fn time(&self, now: Duration) -> String {
-        let of = self.span.map_or_else(String::new, |span| format!(" of {}", span.as_secs()));
-        format!("{}{of} s", now.as_secs())
-    }
+fn time(span: Option<Duration>, now: Duration) -> String {
+    let of = span.map_or_else(String::new, |span| format!(" of {}", span.as_secs()));
+    format!("{}{of} s", now.as_secs())
 }
 
 fn state<W: Write>(log: &ProbeLog<W>) -> String {
@@ -100,10 +76,8 @@ mod tests {
 
     #[test]
     fn the_time_is_of_the_whole_where_that_is_known() {
-        let time = |span: Option<u64>| {
-            let span = span.map(Duration::from_secs);
-            ProbeProgress { bar: None, span }.time(Duration::from_millis(5900))
-        };
+        let time =
+            |span: Option<u64>| time(span.map(Duration::from_secs), Duration::from_millis(5900));
         assert_eq!([time(Some(60)), time(None)], ["5 of 60 s", "5 s"]);
     }
 }

@@ -137,7 +137,7 @@ impl Camera<'_> {
         interrupt: &Interrupt,
     ) -> RunMetadata {
         let interrupted = self.shoot(live, interrupt).await;
-        self.catch_up(live).await;
+        self.catch_up().await;
         // Without frames to come the operator ends once all is answered.
         drop((self.frames, self.output));
         let so_far = self.running.tally();
@@ -170,7 +170,7 @@ impl Camera<'_> {
                     waiting = Some((Picture(image.clone()), lineage));
                 }
                 () = sleep(ROOM), if waiting.is_some() => {}
-                Some(item) = output.read() => live.item(&item),
+                Some(_) = output.read() => {}
                 _ = looks.tick() => live.show(&running.tally()),
             }
             if let Some((frame, lineage)) = waiting.take() {
@@ -185,18 +185,14 @@ impl Camera<'_> {
     }
 
     /// Waits for local's last results: the policies want to know when they came.
-    async fn catch_up(&mut self, live: &mut RunProgress<'_>) {
+    async fn catch_up(&mut self) {
         let grace = self.plan.deadline().max(self.plan.local.runtime.saturating_mul(2));
         let caught_up = async {
             while self.running.tally().sources.first().is_some_and(is_behind) {
                 sleep(LOOK).await;
             }
         };
-        let reading = async {
-            while let Some(item) = self.output.read().await {
-                live.item(&item);
-            }
-        };
+        let reading = async { while self.output.read().await.is_some() {} };
         tokio::select! {
             _ = timeout(grace, caught_up) => {}
             () = reading => {}
