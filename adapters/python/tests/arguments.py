@@ -322,7 +322,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
     "Local.task, may_lose_results": Arguments(
         lambda deadline: Local.task(echo, deadline=deadline, may_lose_results=True),
         {"deadline": 0.5},
-        {"deadline": [(None, ConfigError, "needs a deadline, so that a lost result is noticed")]},
+        {"deadline": [(None, ConfigError, "needs a deadline, so that a loss is noticed")]},
     ),
     "Local.threads": Arguments(
         Local.threads,

@@ -115,7 +115,11 @@ CASES_AROUND: dict[str, Arguments] = {
         {"latest": "place"},
         {
             "latest": [
-                (it, ConfigError, f"{it!r} is not a latest-value input of this join; name one that is")
+                (
+                    it,
+                    ConfigError,
+                    f"{it!r} is not a latest-value input of this join; name one that is",
+                )
                 for it in ("left", "elsewhere")
             ]
         },
@@ -150,7 +154,13 @@ CASES_AROUND: dict[str, Arguments] = {
         Lineage,
         {"origin": "camera", "seq": 7},
         {
-            "origin": [(None, ValueError, "a seq is given without an origin; name the stream that it counts in")],
+            "origin": [
+                (
+                    None,
+                    ValueError,
+                    "a seq is given without an origin; name the stream that it counts in",
+                )
+            ],
             "captured": [(1.5, TypeError, "captured at 1.5; give nanoseconds, as monotonic_ns()")],
             "within": DURATION,
         },

@@ -186,7 +186,10 @@ def test_a_disk_that_fills_is_reported_and_the_operator_goes_on(tmp_path: Path) 
     assert recording_error.startswith("recording_error ")
     assert "File too large" in raised
     assert "File too large" in recording_error
-    assert "ERROR the trace ends here, because it cannot be written; the operator continues (why=" in ended.stderr
+    assert (
+        "ERROR the trace ends here, because it cannot be written; the operator continues (why="
+        in ended.stderr
+    )
     # D10: it ends with a whole input.
     assert 0 < trace.stat().st_size <= 4096
     assert trace.read_bytes().endswith(b"\n")

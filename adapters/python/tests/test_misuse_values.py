@@ -460,7 +460,9 @@ def test_substitute_after_the_start() -> None:
 def test_two_substitutes() -> None:
     operator = operator_of()
     operator.use_substitute(lambda item: None)
-    refused("the operator has a substitute already", lambda: operator.use_substitute(lambda item: None))
+    refused(
+        "the operator has a substitute already", lambda: operator.use_substitute(lambda item: None)
+    )
 
 
 def test_names_tasks_by_their_source(run: Run[Any]) -> None:

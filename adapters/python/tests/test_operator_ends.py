@@ -316,7 +316,10 @@ def test_a_lost_computation_gives_its_place_back(
     assert run(lambda loop: main(loop, False)) == ([Ending.MISSED] * 3, 1)
     lost = [Ending.MISSED, Ending.FORWARDED, Ending.FORWARDED]
     assert run(lambda loop: main(loop, True)) == (lost, 1)
-    assert "the local computation did not end in time and is counted as lost (timestamp=0)" in caplog.text
+    assert (
+        "the local computation did not end in time and is counted as lost (timestamp=0)"
+        in caplog.text
+    )
 
 
 def test_a_trace_is_whole_however_long(run: Run[Any], tmp_path: Path) -> None:

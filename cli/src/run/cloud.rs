@@ -353,8 +353,8 @@ mod tests {
     fn a_mistaken_cloud_is_refused_with_the_key() {
         for (text, expected) in [
             ("name", "\"name\" is not KEY=VALUE"),
-            ("nome=a", "no key \"nome\""),
-            ("name=a,name=b", "\"name\" twice"),
+            ("nome=a", "there is no key \"nome\""),
+            ("name=a,name=b", "key \"name\" is given twice"),
             ("name=a", "priority is missing"),
             ("priority=1", "name is missing"),
             ("name=local,priority=1", "name \"local\""),
@@ -389,7 +389,7 @@ mod tests {
         assert!(fault.contains("there are west, east"), "{fault}");
         let mut elsewhere = vec!["name=a,priority=1,url=http://h".parse().unwrap()];
         let fault = adjust(&mut elsewhere, &[], &[named("a=1s")]).unwrap_err().to_string();
-        assert!(fault.contains("elsewhere"), "{fault}");
+        assert!(fault.contains("on its own server"), "{fault}");
     }
 
     #[test]

@@ -106,7 +106,7 @@ mod tests {
         for (text, expected) in [
             ("cloud = 3", "1: "),
             ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1: priority is missing"),
-            ("\n\n[[cloud]]\nnome = \"a\"", "4: no key \"nome\""),
+            ("\n\n[[cloud]]\nnome = \"a\"", "4: there is no key \"nome\""),
             ("[[cloud]]\nname = true", "2: key \"name\": a boolean is neither"),
             (
                 "[[cloud]]\nname = \"a\"\npriority = 1\nmodel = \"m\"\nruntime = 45",

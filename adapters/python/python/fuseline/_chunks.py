@@ -118,7 +118,9 @@ class ChunkPlan:
         self.why: str | None = None
         self._within = nanoseconds(chunk.within) / 1e9
         if not self._within:
-            raise ConfigError("the chunk's within is 0 s, so every call would be given up at once; give a longer time")
+            raise ConfigError(
+                "the chunk's within is 0 s, so every call would be given up at once; give more"
+            )
         #: The later one and the one before it.
         self._chunks: deque[ArrivedChunk] = deque(maxlen=2)
         self._request: asyncio.Task[None] | None = None

@@ -103,7 +103,9 @@ class Lineage:
         if self.seq is not None:
             _check_number(self.seq, "a seq", "give the message's number in its stream, an int")
             if self.origin is None:
-                raise ValueError("a seq is given without an origin; name the stream that it counts in")
+                raise ValueError(
+                    "a seq is given without an origin; name the stream that it counts in"
+                )
         if self.captured is not None:
             _check_number(self.captured, "captured at", "give nanoseconds, as monotonic_ns()")
         if self.within is not None:

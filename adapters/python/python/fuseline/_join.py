@@ -255,7 +255,9 @@ class Join:
             ConfigError: if no latest-value input has this name.
         """
         if not any(it.name == latest and it._max_age is not None for it in self._inputs):
-            raise ConfigError(f"{latest!r} is not a latest-value input of this join; name one that is")
+            raise ConfigError(
+                f"{latest!r} is not a latest-value input of this join; name one that is"
+            )
         self._origin = latest
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:

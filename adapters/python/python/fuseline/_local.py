@@ -44,10 +44,12 @@ class Local(Generic[M, V]):
         if waiting is not None:
             check_count(waiting, 0, "messages that wait for local")
         if deadline is not None and nanoseconds(deadline) == 0:
-            raise ConfigError("local's deadline is 0, so every message would be refused; give a longer one")
+            raise ConfigError(
+                "local's deadline is 0, so every message would be refused; give a longer one"
+            )
         if may_lose_results and deadline is None:
             raise ConfigError(
-                "a local whose results can be lost needs a deadline, so that a lost result is noticed"
+                "a local whose results can be lost needs a deadline, so that a loss is noticed"
             )
         self._compute = compute
         self._make = make

@@ -175,7 +175,9 @@ class Setup(Generic[M, V]):
         self._check_not_started("a substitute")
         check_function(substitute, "a substitute's handler")
         if self._handlers.substitute is not None:
-            raise ConfigError("the operator has a substitute already; register one handler for all messages")
+            raise ConfigError(
+                "the operator has a substitute already; register one handler for all messages"
+            )
         self._handlers.substitute = substitute
 
     def use_state(self, state: CarriedState[S], state_of: Callable[[V], S]) -> None:
