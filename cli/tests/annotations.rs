@@ -190,7 +190,7 @@ fn a_tolerance_may_be_that_of_one_source() {
     let expected = "stdin: no source \"west\" for --tolerance; the header has local, server, 2";
     assert!(exit == Some(2) && message.contains(expected), "{message}");
     let (exit, message) = code(&["--tolerance", "3ms"]);
-    assert!(exit == Some(2) && message.contains("a second time; give it once"), "{message}");
+    assert!(exit == Some(2) && message.contains("is given twice; give it once"), "{message}");
     let alone = ["check", "--observed", "--tolerance", "server=10ms", "--lateness", "5ms"];
     let refused = run(&alone, trace);
     assert_eq!(refused.status.code(), Some(2));

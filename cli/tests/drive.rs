@@ -461,7 +461,7 @@ fn each_way_to_misbehave_has_its_words() {
     let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
     // On a busy host a shell may take seconds to begin, so only who never answers has little time.
     for (script, wait, words) in [
-        ("sleep 600", "500ms", "it did not answer within 0.5 s; an output that is not flushed"),
+        ("sleep 600", "500ms", "it did not answer within 0.5 s; check that it flushes"),
         (dies, "60s", "it ended before it answered: signal: 9"),
         (closes, "60s", "it closed its output before it answered"),
         (garbage, "60s", "it answered \"{\\\"ev\\\":\\\"dne\\\"}\", column 7:"),

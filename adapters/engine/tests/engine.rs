@@ -517,5 +517,5 @@ fn failure_reasons_are_in_the_item_and_counted() {
         engine.fail(t, t, 0, &format!("reason {n}"));
     }
     let reasons = engine.counts().tally().sources[0].reasons.clone();
-    assert_eq!((reasons.iter().count(), reasons.others()), (8, 13));
+    assert_eq!((reasons.iter().count(), reasons.others()), (8, 15));
 }

@@ -330,7 +330,7 @@ async fn sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones() {
     let mut join = Join::<Scene>::new(JoinConfig::default());
     join.aligned("tick", stream::<u8>(1).1, |_, _, _| {}).origin_of("tick");
     let error = join.spawn().unwrap_err().to_string();
-    assert_eq!(error, "the join has no latest-value input \"tick\" that its sets could be of");
+    assert_eq!(error, "\"tick\" is not a latest-value input of this join; name one that is");
 }
 
 /// E8: a reader that lags holds a join back, which loses nothing of what it took in.

@@ -18,7 +18,7 @@ pub(super) struct SpanOptions {
     #[arg(long, value_name = "ROLE=NAME", value_delimiter = ',', value_parser = role)]
     span: Vec<(SpanRole, String)>,
     /// Where an attribute of a span stands, such as t=frame.id; by default `t` is fuseline.t, and so on. t, within, by
-    /// (whose result was sent), took (ns from its start to its output, if the span ends otherwise) and deadline (local's) are a
+    /// (whose result was sent), latency (ns from its start to its output, if the span ends otherwise) and deadline (local's) are a
     /// message's, p, deadline, of, for and try a request's.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
     attribute: Vec<(&'static str, String)>,
@@ -37,7 +37,7 @@ pub(super) enum SpanRole {
 }
 
 /// The attributes; where nobody says another name, it is `fuseline.` and the key.
-const KEYS: [&str; 9] = ["t", "within", "by", "took", "p", "deadline", "of", "for", "try"];
+const KEYS: [&str; 9] = ["t", "within", "by", "latency", "p", "deadline", "of", "for", "try"];
 /// Where RPC clients put the status of a call: the stable attribute, and the older ones of gRPC and Connect.
 const STATUS_CODES: [&str; 4] = [
     "rpc.status_code",

@@ -191,18 +191,18 @@ impl SpanReader<'_, '_> {
     fn message(&mut self, message: &SpanMessage<'_>) -> Result<Vec<Entry>, Problem> {
         let SpanMessage { span, calls, .. } = message;
         let mut entries = vec![self.event("open", message, span, span.start, None)?];
-        let took = self.options.value(span, "took");
+        let latency = self.options.value(span, "latency");
         let is_open = span.end == 0 || span.row.cell("fuseline.ended").is_some();
-        let took = took.map(|text| {
+        let latency = latency.map(|text| {
             let view = self.options.view("emit", None);
-            self.mapping.time(&span.row, &view, "took", text, duration)
+            self.mapping.time(&span.row, &view, "latency", text, duration)
         });
         let is_sent = self.options.value(span, "by").is_some() || !span.has_failed;
-        if !is_open || took.is_some() {
+        if !is_open || latency.is_some() {
             let end = if is_sent { "emit" } else { "miss" };
             let mut end = self.event(end, message, span, span.end, None)?;
-            if let Some(took) = took.transpose()? {
-                end.at = i128::from(span.start) + took;
+            if let Some(latency) = latency.transpose()? {
+                end.at = i128::from(span.start) + latency;
             }
             entries.push(end);
         }
