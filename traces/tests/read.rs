@@ -99,7 +99,9 @@ fn reads_64_kib_lines_and_refuses_longer_ones() {
         "a.jsonl:2:65537: the line is longer than 64 KiB, the most that a trace allows"
     );
     // The error about the length comes before any other error of the line.
-    assert!(error(format!("{HEADER}\n{}", line(LINE + 1)).as_bytes()).contains("longer than 64 KiB"));
+    assert!(
+        error(format!("{HEADER}\n{}", line(LINE + 1)).as_bytes()).contains("longer than 64 KiB")
+    );
 }
 
 #[test]
