@@ -194,7 +194,7 @@ fn a_tolerance_may_be_that_of_one_source() {
     let alone = ["check", "--observed", "--tolerance", "server=10ms", "--lateness", "5ms"];
     let refused = run(&alone, trace);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("give one for all other stamps"), "{}", err(&refused));
+    assert!(err(&refused).contains("give a --tolerance without a source"), "{}", err(&refused));
     let unit = run(&[&OBSERVED[..], &["--tolerance", "server=10"]].concat(), trace);
     assert!(err(&unit).contains("with a unit, such as 2ms"), "{}", err(&unit));
     // The page is judged in the same way.
