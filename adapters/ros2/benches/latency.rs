@@ -1,4 +1,4 @@
-//! What the node in the path costs: `cargo bench -p fuseline-ros2`; with `--features zenoh` over Zenoh too,
+//! Measures what a node in the path costs: `cargo bench -p fuseline-ros2`; with `--features zenoh` over Zenoh too,
 //! in the same run, through a router.
 //!
 //! A camera and a cloud that answers at once, on loopback: joined directly, by a relay and by the node, in turns in one run.

@@ -188,7 +188,7 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     out
 }
 
-/// What the log says of a hostile client, and how it comes.
+/// The line that the log has about a hostile client, and the connection that causes it.
 type HostileClient<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
 
 /// D12: each is refused, is named in the log, and the known client is served before and after.

@@ -1,4 +1,4 @@
-//! A server among well-behaved and hostile clients, in virtual time. `VISITORS_SEED=N` runs one again, `VISITORS=N` so many.
+//! A server among well-behaved and hostile clients, in virtual time. `VISITORS_SEED=N` repeats one run, `VISITORS=N` makes N runs.
 #![cfg(feature = "grpc")]
 
 #[path = "support/hostile_clients.rs"]

@@ -110,7 +110,7 @@ pub(crate) struct PageTrace {
     capped: Option<CappedSums>,
 }
 
-/// What the whole of a trace has of which the page shows the first events.
+/// The totals of a trace, of which the page shows only the first events.
 #[derive(Serialize)]
 struct CappedSums {
     events: u64,

@@ -166,7 +166,7 @@ def whatever_breaks_on_the_way_to_a_cloud_behind_grpc_costs_no_input_its_one_ans
         assert result.message.payload == answered(status["source"], stamp).serialize(), "not the bytes that were sent"
         assert result.at - at < DEADLINE_S + 3.0, f"{status['source']} after {result.at - at:.3f} s"
     reported = ", ".join(f"{harm} {took:.1f}" for harm, took in back.items())
-    print(f"{len(run)} inputs, {bench.judge(node)} judged; west was back after so many s: {reported}")
+    print(f"{len(run)} inputs, {bench.judge(node)} judged; seconds until west was reported back: {reported}")
 
 
 def a_disk_that_fills_ends_the_recording_and_costs_no_input_its_answer(bench):

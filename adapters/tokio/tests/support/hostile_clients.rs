@@ -18,7 +18,7 @@ pub(crate) const BEYOND: usize = 3;
 /// The preface of HTTP/2 and settings of nothing.
 const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-/// What a hostile client does.
+/// The ways in which a client can be hostile.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum HostileKind {
     /// Sends no call, but perhaps the preface or pings.

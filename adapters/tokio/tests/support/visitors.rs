@@ -27,7 +27,7 @@ const REPLY_FRAMING: usize = 5 + 1 + 4;
 const WELL_BEHAVED: u8 = 6;
 const HOSTILE: u8 = 24;
 
-/// What well-behaved and hostile clients share.
+/// The state that well-behaved and hostile clients share.
 pub(crate) struct VisitedServer {
     pub(crate) server: MemoryServer,
     pub(crate) bounds: Bounds,
@@ -146,7 +146,7 @@ fn tasks() -> usize {
     Handle::current().metrics().num_alive_tasks()
 }
 
-/// What is not as it was before the hostile clients came.
+/// Returns what has changed since before the hostile clients came.
 async fn recovered(
     here: &VisitedServer,
     well_behaved: &[Rc<Visitor>],
@@ -240,7 +240,7 @@ fn logged(log: &str, why: &str) -> usize {
     lines.map(|line| 1 + line.rsplit_once("others=").unwrap().1.parse::<usize>().unwrap()).sum()
 }
 
-/// What is wrong with the server's end while each well-behaved client has a call under way.
+/// Returns what is wrong if the server stops while each well-behaved client has a call under way.
 async fn ended_well(here: Rc<VisitedServer>, well_behaved: Vec<Rc<Visitor>>) -> Vec<String> {
     let compute = here.bounds.idle + SECOND;
     let plan = CallPlan { compute, ..here.plain() };
