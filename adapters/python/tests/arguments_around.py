@@ -251,7 +251,7 @@ CASES_AROUND: dict[str, Arguments] = {
                     (it, ConfigError, f"the cloud's URL {it!r}; it must be http://host:port or")
                     for it in ("ftp://west:1", "http://:1", "http://west", "http://west:99999")
                 ),
-                ("http://west:1", ConfigError, "certificates are for https URLs, this is http"),
+                ("http://west:1", ConfigError, "certificates need an https URL"),
             ],
             "ca": [(None, ConfigError, "an https URL needs the certificate of the CA")],
             "token": [("", ConfigError, "visible ASCII")],
@@ -262,8 +262,8 @@ CASES_AROUND: dict[str, Arguments] = {
         functools.partial(Remote, "http://west:1"),
         {},
         {
-            "ca": [(b"", ConfigError, "certificates are for https URLs, this is http")],
-            "identity": [(Identity(b"", b""), ConfigError, "certificates are for https URLs")],
+            "ca": [(b"", ConfigError, "certificates need an https URL, but this one is http")],
+            "identity": [(Identity(b"", b""), ConfigError, "certificates need an https URL")],
         },
         free="server_name token",
     ),

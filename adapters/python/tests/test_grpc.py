@@ -333,7 +333,7 @@ def test_settings_that_cannot_work_are_refused(certificates: Certificates) -> No
         (lambda: Remote("http://west"), "http://host:port"),
         (lambda: Remote("http://west:99999"), "http://host:port"),
         (lambda: Remote("https://west:1"), "needs the certificate of"),
-        (lambda: Remote("http://west:1", ca=it.ca), "certificates are for https"),
+        (lambda: Remote("http://west:1", ca=it.ca), "certificates need an https URL"),
         (lambda: Server(upper, client_ca=it.ca), "of the server's own"),
     ]
     for make, message in cases:

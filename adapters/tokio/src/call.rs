@@ -1,6 +1,6 @@
-//! One call, as the handle that makes it sees it.
+//! One call to a cloud or one side request, as the handle that makes it sees it.
 //!
-//! Calls to clouds and side requests differ only in where the bytes that they send are counted.
+//! The two kinds of call differ only in where the bytes that they send are counted.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use fuseline_engine::{Counting, Lineage};
 
 use crate::side_counts::SideCounts;
 
-/// One call to a cloud, as its handle sees it.
+/// Describes one call to a cloud to the handle that makes it.
 #[derive(Clone)]
 pub struct Call {
     /// The message's timestamp.
@@ -17,12 +17,12 @@ pub struct Call {
     /// The time left for the call: the request's deadline, less the time in the queue, plus the time to
     /// [linger](crate::Cloud::linger).
     pub deadline: Duration,
-    /// What the message comes from, if it was written with that.
+    /// The lineage of the message, if the message was written with one.
     pub lineage: Option<Arc<Lineage>>,
     pub(crate) byte_counter: ByteCounter,
 }
 
-/// Where the bytes that a call sends are counted.
+/// Counts the bytes that a call sends.
 #[derive(Clone)]
 pub(crate) enum ByteCounter {
     Cloud(u16, Counting),

@@ -1,15 +1,18 @@
-//! The state of a stateful operator, such as a tracker, which goes along with its messages (E10).
+//! The state of a stateful operator, such as a tracker, that is carried from message to message
+//! (E10).
 
 use std::fmt;
 
 use crate::shared::SharedState;
 
-/// The state from which an operator computes its next message; clones share it.
+/// Holds the state from which an operator computes its next message. Clones share it.
 ///
-/// Local begins with [`current`](Self::current) and gives what comes of it to [`computed`](Self::computed); a message handler
-/// sends [`current`](Self::current) along, and [`use_state`](crate::Setup::use_state) takes over that of each result that is
-/// sent. The state of the latest message is kept, and of one message that of the result that was sent: no state goes back to an
-/// earlier message, and what was computed from an older state is not computed again (A55).
+/// Local begins with [`current`](Self::current) and passes the state after its computation to
+/// [`computed`](Self::computed). A message handler sends [`current`](Self::current) along to the
+/// cloud, and [`use_state`](crate::Setup::use_state) takes over the state of each result that is
+/// sent. The state of the latest message is kept. Among the states of one message, the state of the
+/// result that was sent is kept. The state never goes back to an earlier message, and nothing is
+/// computed again because an older state was used (A55).
 ///
 /// ```
 /// # use fuseline_tokio::CarriedState;
@@ -20,40 +23,42 @@ use crate::shared::SharedState;
 /// ```
 pub struct CarriedState<S>(SharedState<StateOf<S>>);
 
-/// A state, and what it is of.
+/// A state, and the message that it belongs to.
 struct StateOf<S> {
     state: S,
-    /// Of which message; none at first.
+    /// The message's timestamp; `None` at first.
     of: Option<u64>,
     is_sent: bool,
 }
 
 impl<S: Clone> CarriedState<S> {
-    /// A state that begins as `state`.
+    /// Creates a carried state that begins as `state`.
     #[must_use]
     pub fn new(state: S) -> Self {
         Self(SharedState::new(StateOf { state, of: None, is_sent: false }))
     }
 
-    /// The state to begin the next message with.
+    /// Returns the state with which to begin the next message.
     #[must_use]
     pub fn current(&self) -> S {
         self.0.with(|current| current.state.clone())
     }
 
-    /// Local computed a message to this state; it is not known yet whether its result is sent.
+    /// Notes the state after local computed a message. It is not known yet whether that result is
+    /// sent.
     pub fn computed(&self, timestamp: u64, state: S) {
         self.replace(timestamp, state, false);
     }
 
-    /// The result with this state was sent for a message.
+    /// Notes the state of the result that was sent for a message.
     pub fn sent(&self, timestamp: u64, state: S) {
         self.replace(timestamp, state, true);
     }
 
     fn replace(&self, timestamp: u64, state: S, is_sent: bool) {
         self.0.with(|current| {
-            // E10: the latest message's, and of one message that of the result that was sent.
+            // The latest message's state counts, and for one message the state of the result that
+            // was sent (E10).
             if (current.of, current.is_sent) <= (Some(timestamp), is_sent) {
                 *current = StateOf { state, of: Some(timestamp), is_sent };
             }

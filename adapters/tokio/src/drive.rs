@@ -1,21 +1,28 @@
-//! The event loop that every adapter on tokio shares: the only place that reads an operator's clock and drives its engine.
+//! The event loop that all adapters on tokio share. It is the only code that reads an operator's
+//! clock and drives its engine.
 //!
-//! An adapter implements [`Transport`], which says where messages come from and where requests and outputs are sent, and runs
-//! a [`Driver`] with it. The loop decides nothing: the rules are the core's, the queues the engine's.
+//! An adapter implements [`Transport`], which says where messages come from and where requests and
+//! outputs go, and runs a [`Driver`] with it. The loop decides nothing: the core has the rules, and
+//! the engine has the queues.
 //!
-//! - **Turns** (D9 served in time). Calls, the transport and the timer take turns in a fixed order, so that a flood of one does
-//!   not keep another from its turn and a run on a paused clock can be repeated. Which is taken first changes no decision about
-//!   time: the core expires what is due before anything else (A2).
-//! - **The timer** is set to the nearest due instant and never moved further away: to wake up now and then with nothing due is
-//!   cheaper than to move it with each message. It is set again each time it fires, even if the due instant lies beyond the
-//!   end of the system's clock.
-//! - **Calls** (D6 aborted) run in tasks of their own; on a runtime of one thread they run within the driver, which costs half.
-//!   They are aborted when they are no longer wanted, or have lingered long enough after that, and all of them when the loop
-//!   ends or is dropped. Local's computations never are (F7).
-//! - **What blocks** (D9) is reported: a call that runs for long without a pause holds up its thread, and the others on it; on a
-//!   runtime of one thread the operator. It is counted, and logged, as is a timer that is served late.
-//! - **The clock** is read once for each event, and between two calls that are polled one after the other. **Panics** of a call or a computation are failures (F4).
-//! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
+//! - **Turns** (D9). Calls, the transport and the timer take turns in a fixed order. So a flood of
+//!   one kind does not keep another from its turn, and a run on a paused clock can be repeated. The
+//!   order changes no decision about time, because the core expires what is due before anything
+//!   else (A2).
+//! - **The timer** is set to the nearest due instant and never moved further away: waking up now
+//!   and then with nothing due is cheaper than moving it with each message. It is set again each
+//!   time it fires, even if the due instant lies beyond the end of the system's clock.
+//! - **Calls** (D6) run in tasks of their own. On a runtime of one thread they run within the
+//!   driver, which costs half as much. The loop aborts calls that are no longer wanted or have
+//!   lingered long enough, and aborts all of them when it ends or is dropped. It never aborts
+//!   local's computations (F7).
+//! - **Blocking** (D9) is reported. A call that runs for long without a pause holds up its thread
+//!   and the other calls on it, and on a runtime of one thread the whole operator. Such calls are
+//!   counted and logged, and so are timers that are served late.
+//! - **The clock** is read once for each event, and between two calls that are polled one after the
+//!   other. **Panics** of a call or a computation are failures (F4).
+//! - **A request that could not be sent** fails only after the message was offered to every cloud
+//!   (A30).
 
 mod calls;
 mod clock;
@@ -47,50 +54,50 @@ use crate::panics::panicked;
 
 pub use crate::drive::timers::Timers;
 
-/// What differs between the adapters.
+/// Connects a driver to one kind of operator: its streams, topics and sources.
 pub trait Transport {
-    /// What is sent to a source.
+    /// The request that is sent to a source.
     type Request;
-    /// What sources compute.
+    /// The result that sources compute.
     type Value: Send + 'static;
-    /// What comes in.
+    /// The message that comes in.
     type Message;
 
-    /// What happens next, if anything: the driver calls this until nothing is ready, and again when the
-    /// context's waker is called. The transport's other work is done in here too.
+    /// Returns what happens next. The driver calls this until nothing is ready, and again when the
+    /// context's waker is called. The transport does its other work in here too.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
     ) -> Poll<Incoming<Self::Message, Self::Value>>;
 
-    /// Local's job for a message and its deadline, if it has one.
+    /// Returns local's job for a message, and its deadline if it has one.
     fn job(&mut self, message: &Self::Message) -> (Self::Request, Option<Duration>);
 
-    /// What is offered to clouds for a message that was taken on.
+    /// Returns the requests to offer to clouds for an accepted message.
     fn offers(
         &mut self,
         timestamp: u64,
         message: &Self::Message,
     ) -> impl Iterator<Item = Offer<Self::Request>>;
 
-    /// What the message comes from, if that is known.
+    /// Returns the lineage of a message, if that is known.
     fn lineage(&mut self, timestamp: u64, message: &Self::Message) -> Option<Arc<Lineage>> {
         let _ = (timestamp, message);
         None
     }
 
-    /// A message was taken on, and offered to all clouds.
+    /// Is called when a message was accepted and offered to all clouds.
     fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
         let _ = (timestamp, message);
     }
 
-    /// The vehicle's situation as of this message, for policies; none leaves it as it was.
+    /// Returns the vehicle's situation at this message, for policies; `None` leaves it unchanged.
     fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
         let _ = (timestamp, message);
         None
     }
 
-    /// E3: returns what is kept of the end-to-end deadline of messages from now on for the operators downstream.
+    /// Returns the reserve for the operators downstream, for messages from now on (E3).
     fn reserve(&mut self) -> Reserve {
         Reserve::default()
     }
@@ -98,28 +105,29 @@ pub trait Transport {
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
-    /// Local's computation of this message has run for too long: another is to run beside it. Called only if the engine
-    /// [may replace](fuseline_engine::Local::replaceable) any.
+    /// Starts another computation beside local's computation of this message, which has run for too
+    /// long. Called only if the engine [may replace](fuseline_engine::Local::replaceable) any.
     fn replace(&mut self, timestamp: u64) {
         let _ = timestamp;
     }
 
-    /// Sends out what became of a message.
+    /// Sends the item of a message.
     fn output(&mut self, item: Item<Self::Value>);
 
-    /// A result came too late for its message. Called only if the engine
-    /// [takes hints](fuseline_engine::EngineConfig::takes_hints).
+    /// Takes a result that came too late for its message. Called only if the engine [takes
+    /// hints](fuseline_engine::EngineConfig::takes_hints).
     fn hint(&mut self, hint: Hint<Self::Value>) {
         drop(hint);
     }
 
-    /// Whether all outputs have been handed on; until then the driver does not end by itself.
+    /// Returns `true` if all outputs have been handed on. Until then the driver does not end by
+    /// itself.
     fn is_delivered(&self) -> bool {
         true
     }
 }
 
-/// What comes in through a transport.
+/// An event that comes in through a transport.
 #[derive(Debug)]
 pub enum Incoming<M, V> {
     /// A message came.
@@ -137,14 +145,14 @@ pub enum Incoming<M, V> {
     Stop,
 }
 
-/// A source's result for a message, or why there will be none.
+/// A source's result for a message, or the reason why there is none.
 #[derive(Debug)]
 pub struct Completion<V> {
     /// The source's priority; 0 is local.
     pub priority: u16,
     /// The message's timestamp.
     pub timestamp: u64,
-    /// The result, or why there is none.
+    /// The result, or the reason why there is none.
     pub result: Result<StampedValue<V>, Error>,
 }
 
@@ -155,38 +163,40 @@ pub struct Start<R> {
     pub priority: u16,
     /// The message's timestamp.
     pub timestamp: u64,
-    /// D5: the time left, with the time to linger; for local 2⁶⁴ − 1 ns.
+    /// The time left, with the time to linger (D5); for local 2⁶⁴ − 1 ns.
     pub left: Duration,
-    /// What the message handler offered.
+    /// The request that the message handler offered.
     pub request: R,
 }
 
-/// What became of a request.
+/// The way in which a request was sent.
 pub enum Sent<V> {
-    /// A call: its end is the source's result or failure. Dropping the future must abort the call.
+    /// The request is a call. The end of the future is the source's result or failure, and dropping
+    /// the future must abort the call.
     Call(BoxFuture<'static, Result<StampedValue<V>, Error>>),
-    /// It was sent; its result may come by [`Incoming::Completion`].
+    /// The request was sent. Its result may come by [`Incoming::Completion`].
     Away,
-    /// Why it could not be sent.
+    /// The reason why the request could not be sent.
     Failed(Error),
 }
 
-/// An operator with its event loop.
+/// An operator with its event loop. The fields that every event needs come first, because an
+/// operator among thousands has nothing in the processor's caches.
 // What every event needs comes first: of one operator among thousands nothing is in the processor's caches.
 #[repr(C)]
 pub struct Driver<T: Transport> {
-    /// Of calls, transport and timer.
+    /// The flags of calls, transport and timer.
     wake_flags: WakeFlags,
-    /// Who has the next turn.
+    /// The party that has the next turn.
     turn: usize,
     calls: Calls<T::Value>,
     clock: DriverClock,
     /// The clock's reading for the current event.
     now: u64,
-    /// When the timer goes off, if it is set.
+    /// The instant when the timer goes off, if it is set.
     armed: Option<u64>,
     is_last: bool,
-    /// Requests of the current message that could not be sent.
+    /// The requests of the current message that could not be sent.
     unsent: Vec<(u16, u64, Error)>,
     spans: MessageSpans,
     engine: Engine<T::Value, T::Request>,
@@ -197,7 +207,7 @@ pub struct Driver<T: Transport> {
 /// Ends the recordings and waits until they are written, which the disk may delay.
 ///
 /// # Errors
-/// If a recording is not whole.
+/// Returns an error if a recording is not whole.
 pub async fn finish<V: Send + 'static, R: Send + 'static>(
     mut engine: Engine<V, R>,
 ) -> io::Result<()> {
@@ -205,28 +215,28 @@ pub async fn finish<V: Send + 'static, R: Send + 'static>(
     written.unwrap_or_else(|error| Err(io::Error::other(error)))
 }
 
-/// Whose turn it is.
+/// The party whose turn it is.
 enum PollTurn<M, V> {
     Transport(Incoming<M, V>),
     /// The timer went off.
     Timer,
 }
 
-/// How many parties take turns.
+/// The number of parties that take turns.
 const TURNS: usize = 3;
-/// Their indices.
+/// The parties' indices.
 const CALLS: usize = 0;
 const TRANSPORT: usize = 1;
 const TIMER: usize = 2;
 
 impl<T: Transport> Driver<T> {
-    /// A driver whose clock starts now.
+    /// Creates a driver whose clock starts now.
     ///
     /// # Errors
-    /// If there is no such timer: the system has none, or no more for this process.
+    /// Returns an error if the system has no such timer, or no more of them for this process.
     ///
     /// # Panics
-    /// Outside of a tokio runtime, and for the kernel's timer in one without I/O.
+    /// Panics outside of a tokio runtime, and for the kernel's timer in a runtime without I/O.
     pub fn new(
         mut engine: Engine<T::Value, T::Request>,
         transport: T,
@@ -252,8 +262,8 @@ impl<T: Transport> Driver<T> {
         })
     }
 
-    /// Runs until the transport says stop, or no more messages will come and all are answered; then
-    /// aborts the calls. [Finish](finish) the engine that it returns.
+    /// Runs until the transport stops it, or until no more messages will come and all are answered.
+    /// Then aborts the calls. [Finish](finish) the engine that it returns.
     pub async fn run(mut self) -> (T, Engine<T::Value, T::Request>) {
         loop {
             self.act();
@@ -288,8 +298,8 @@ impl<T: Transport> Driver<T> {
         (self.transport, self.engine)
     }
 
-    /// The next party that is ready, starting after the last one, with the clock read after it. Only those that were woken are
-    /// polled.
+    /// Returns the next party that is ready, starting after the last one, with the clock read
+    /// afterwards. Only parties that were woken are polled.
     fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<PollTurn<T::Message, T::Value>> {
         let Self { calls, transport, timer, wake_flags, armed, clock, now, turn: next, .. } = self;
         for _ in 0..TURNS {
@@ -319,9 +329,9 @@ impl<T: Transport> Driver<T> {
         Poll::Pending
     }
 
-    /// A message came (F1); each cloud is offered it (F2).
+    /// A message came (F1), so it is offered to each cloud (F2).
     fn message(&mut self, timestamp: u64, message: &T::Message) {
-        // One instant for the open and all offers: equal deadlines end together.
+        // The open and all offers happen at one instant, so equal deadlines end together.
         let now = self.now;
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
@@ -350,7 +360,7 @@ impl<T: Transport> Driver<T> {
         }
     }
 
-    /// Carries out what the engine decided, and fails what could not be sent.
+    /// Carries out the engine's effects, and fails the requests that could not be sent.
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {
@@ -372,7 +382,8 @@ impl<T: Transport> Driver<T> {
                     Effect::Replace { timestamp } => self.transport.replace(timestamp),
                     Effect::Hint(hint) => self.transport.hint(hint),
                 }
-                // With a new request the transport may have something new to wait for, or with an output that waits.
+                // With a new request or a waiting output, the transport may have something new to
+                // wait for.
                 if !is_output || !self.transport.is_delivered() {
                     self.wake_flags.set(TRANSPORT);
                 }

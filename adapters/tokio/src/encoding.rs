@@ -17,10 +17,11 @@ use crate::panics::panicked;
 
 /// Encodes each message once for all clouds of an operator, on one of the runtime's threads for blocking work.
 ///
-/// The first call of a message begins the encoding, and the others wait for it and get clones of the request. Encoding holds up
-/// neither the operator nor other calls. It takes its part of the deadline: each handle is given the time that is left. An error
-/// or a panic is a failure (F4). An encoding does not begin once all its calls were aborted; one that has begun runs on to its
-/// end, and the runtime waits for it when it is shut down. Clones share the encodings.
+/// The first call of a message begins the encoding. The others wait for it and get clones of the
+/// request. Encoding holds up neither the operator nor other calls. It takes time from the
+/// deadline, so each handle is given the time that is left. An error or a panic is a failure (F4).
+/// An encoding does not begin once all its calls were aborted. Once begun it runs to its end, and
+/// the runtime waits for it when it is shut down. Clones share the encodings.
 ///
 /// ```
 /// # use std::{sync::Arc, time::Duration};
@@ -51,25 +52,28 @@ struct EncodeOnceState<Raw, Req> {
 type Encode<Raw, Req> = Arc<dyn Fn(Raw) -> Result<Req, Error> + Send + Sync>;
 type SharedEncoding<Req> = Shared<BoxFuture<'static, Result<Req, SharedError>>>;
 
-/// That of the latest message, while a request has it.
+/// The encoding of the latest message, while a request has it.
 struct LatestEncoding<Req> {
-    /// The timestamp, and where the message is: another operator's of the same timestamp is elsewhere.
+    /// The timestamp, and the address of the message: another operator's message of the same
+    /// timestamp has another address.
     message: (u64, usize),
     encoding: WeakShared<BoxFuture<'static, Result<Req, SharedError>>>,
 }
 
-/// An error of an encoding, for each call that waited for it.
+/// An error of an encoding, which each call that waited for it gets.
 #[derive(Clone, Debug)]
 struct SharedError(Arc<dyn error::Error + Send + Sync>);
 
 impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Req> {
-    /// Encodes by `encode`; make its requests cheap to clone, as an `Arc` or `Bytes` is.
+    /// Creates an encoder that calls `encode`. Make its requests cheap to clone, as an `Arc` or
+    /// `Bytes` is.
     pub fn new(encode: impl Fn(Raw) -> Result<Req, Error> + Send + Sync + 'static) -> Self {
         Self(Arc::new(EncodeOnceState { encode: Arc::new(encode), latest: Mutex::new(None) }))
     }
 
-    /// A message handler around one that returns what is to be encoded. Of one message that of the first cloud is, so the
-    /// handlers of all clouds return the same.
+    /// Wraps a message handler that returns what is to be encoded. Only the value that the first
+    /// cloud's handler returns for a message is encoded, so the handlers of all clouds must return
+    /// the same.
     pub fn message_handler<M, Handler>(
         &self,
         mut handler: Handler,
@@ -85,8 +89,8 @@ impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Re
         }
     }
 
-    /// A handle that waits for the request and calls `handle` with it and the time that is left. An error or a panic of the
-    /// encoding is a failure of each call (F4).
+    /// Returns a handle that waits for the request and calls `handle` with it and the time that is
+    /// left. An error or a panic of the encoding is a failure of each call (F4).
     pub fn handle<Res, Fut, Handle>(
         &self,
         handle: Handle,

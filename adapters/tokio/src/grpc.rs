@@ -1,10 +1,10 @@
 //! Clouds behind gRPC: connections with TLS and tokens, handles for any client, and a service ready
 //! to use.
 //!
-//! A [`Remote`] says where a cloud is and makes a [`Connection`], which connects when it is first
-//! used and again after it was lost. Any client that `tonic` generates takes it, and [`unary`]
-//! turns a method of such a client into a handle. For bytes in and bytes out there is [`infer`], with
-//! [`serve`] as its other side; the protocol is `proto/fuseline.proto`.
+//! A [`Remote`] names a cloud and makes a [`Connection`], which connects when it is first used and
+//! again after it was lost. Any client that `tonic` generates takes the connection, and [`unary`]
+//! turns a method of such a client into a handle. For bytes in and bytes out there is [`infer`],
+//! with [`serve`] as its other side. The protocol is `proto/fuseline.proto`.
 //!
 //! ```no_run
 //! # use std::time::Duration;
@@ -42,5 +42,5 @@ pub use token::{InvalidToken, Token};
 /// The gRPC library, for your own clients and services.
 pub use tonic;
 
-/// The most bytes of an encoded message of [`infer`] and [`serve`].
+/// The greatest size of an encoded message of [`infer`] and [`serve`], in bytes.
 pub const MESSAGE_BYTES: usize = 32 * 1024 * 1024;

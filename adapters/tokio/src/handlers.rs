@@ -1,4 +1,4 @@
-//! A message handler that sends what is worth its bytes. It is put around a handler of your own.
+//! Wraps a message handler of your own so that it sends only requests that are worth their bytes.
 
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -9,11 +9,14 @@ use tokio::time::Instant;
 
 use crate::shared::SharedState;
 
-/// Messages that are worth their bytes: `estimate` says how many a message's request has and what its answer is expected to
-/// gain, and the budget, which all operators of a vehicle may share, decides. `stream` is this handler's number in it.
+/// Returns a message handler that sends a message only if it is worth its bytes. `estimate` returns
+/// the size of a message's request and the gain that its answer is expected to bring. The budget
+/// decides, and all operators of a vehicle may share it. `stream` is this handler's number in the
+/// budget.
 ///
-/// Make this the innermost handler: a request that another one makes void is paid for. A gain comes from a policy that the
-/// cloud shares, which a [`SharedState`] is too:
+/// Make this the innermost handler, because a request pays its bytes even if an outer handler
+/// discards it. A gain comes from a policy that the cloud shares; a [`SharedState`] is such a
+/// policy:
 ///
 /// ```
 /// # use std::time::Duration;
@@ -58,7 +61,7 @@ fn now() -> u64 {
     nanos(START.get_or_init(Instant::now).elapsed())
 }
 
-/// One policy for a cloud's deadlines and for a message handler that looks at its estimates.
+/// One policy for a cloud's deadlines and for a message handler that reads its estimates.
 impl<P: Policy> Policy for SharedState<P> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         self.with(|policy| policy.decide(situation, cap))

@@ -1,4 +1,5 @@
-//! An operator's items in the order of their timestamps, for consumers that need it (E9). Off by default (A12).
+//! Returns an operator's items in the order of their timestamps, for consumers that need it (E9).
+//! Off by default (A12).
 
 use std::ops::Range;
 use std::pin::Pin;
@@ -10,31 +11,34 @@ use tokio::time::{Instant, Sleep, sleep_until};
 
 use crate::stream::{Reader, StreamMessage};
 
-/// What a reader in order does not give, or gives without what came before.
+/// A report about items that a reader in order passes over or drops.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum OutOfOrder {
-    /// These timestamps had not ended when a later one was due: their items, if any come, are late.
+    /// These timestamps had not ended when a later one was due. If they still have items, these
+    /// will be late.
     PassedOver(Range<u64>),
-    /// An item of this timestamp, which had been passed over, was dropped.
+    /// An item of this timestamp was dropped, because the timestamp had been passed over.
     Late(u64),
 }
 
-/// What a reader in order waits with.
+/// The item that a reader in order keeps.
 pub(crate) struct OrderedReading<T> {
     orderer: Reorderer<StreamMessage<T>>,
-    /// A message's timestamp, and whether it is the last one of it.
+    /// A message's timestamp, and `true` for its last item.
     place: fn(&T) -> (u64, bool),
     report: Box<dyn FnMut(OutOfOrder) + Send + Sync>,
     timer: Pin<Box<Sleep>>,
-    /// How many were given.
+    /// The number of items given so far.
     count: u64,
     has_ended: bool,
 }
 
 impl<O: Send + Sync + 'static> Reader<Item<O>> {
-    /// This reader in the order of timestamps. An item waits for those of earlier messages, for `wait` at most and until
-    /// `reserve` is left of its [end-to-end deadline](crate::Lineage::within); at most 1,024 wait. Then what is not there is
-    /// passed over. `report` is called with that, and with what comes of it later, which is dropped.
+    /// Returns this reader with its items in the order of timestamps. An item waits for the items
+    /// of earlier messages for at most `wait`, and no longer than until `reserve` is left of its
+    /// [end-to-end deadline](crate::Lineage::within). At most 1,024 items wait. Then the missing
+    /// timestamps are passed over. `report` gets each of them, and each later item of them, which
+    /// is dropped.
     ///
     /// Call it in a tokio runtime, on an output that was not read before.
     #[must_use]
@@ -57,7 +61,7 @@ impl<O: Send + Sync + 'static> Reader<Item<O>> {
 }
 
 impl<T> OrderedReading<T> {
-    /// The next message in order; `read` reads one as it comes.
+    /// Returns the next message in order; `read` reads one as it comes.
     pub(crate) fn poll(
         &mut self,
         context: &mut Context<'_>,

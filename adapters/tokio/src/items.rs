@@ -1,4 +1,4 @@
-//! [`Items`], an operator's output, and what is special about reading it under progressive (F9).
+//! [`Items`], an operator's output, and its reader for progressive operators (F9).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,7 +7,8 @@ use fuseline_engine::{Ending, Item};
 
 use crate::stream::{Reader, StreamMessage};
 
-/// An operator's output: one item for each message taken in; under progressive one or more, the last one marked.
+/// An operator's output. It has one item for each accepted message; under progressive it has one or
+/// more, with the last one marked.
 pub type Items<O> = Reader<Item<O>>;
 
 impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {

@@ -1,6 +1,8 @@
-//! [`Join`]: several streams as one, aligned by what their messages come from (E5, E6, E7).
+//! [`Join`] combines several streams into one, aligned by the origin of their messages (E5, E6,
+//! E7).
 //!
-//! Which messages form a set, and when it is given, is decided by the engine's [`Aligner`]; here is its clock and its streams.
+//! The engine's [`Aligner`] decides which messages form a set and when it is given. This module has
+//! the clock and the streams.
 
 use std::collections::BTreeMap;
 use std::future::poll_fn;
@@ -25,8 +27,8 @@ use crate::outbox::Outbox;
 use crate::panics::reason;
 use crate::stream::{Reader, StreamMessage, stream};
 
-/// Joins several streams: their messages that come from the same origin timestamp are put into one `S`, which at first is its
-/// default.
+/// Joins several streams. The messages that come from the same origin timestamp are put into one
+/// `S`, which begins as its default.
 ///
 /// ```
 /// # use fuseline_tokio::{Join, JoinConfig, Lineage, stream};
@@ -55,34 +57,37 @@ pub struct Join<S> {
     on_drop: Option<DropHandler>,
 }
 
-/// How a join waits.
+/// Configures how long, and for how many sets, a join waits.
 #[derive(Clone, PartialEq, Debug)]
 pub struct JoinConfig {
-    /// Its name in logs; `join` by default.
+    /// The join's name in logs; `join` by default.
     pub name: String,
-    /// How long a set waits after its first message; 50 ms by default.
+    /// The time that a set waits after its first message; 50 ms by default.
     pub wait: Duration,
-    /// How many sets may wait; 16 by default. For one more the oldest is given as it is.
+    /// The number of sets that may wait; 16 by default. If another one begins, the oldest is given
+    /// incomplete.
     pub window: usize,
-    /// How long the operators downstream take; nothing by default. A set is given at the latest when what they need on board
-    /// is left of an end-to-end deadline.
+    /// The latencies of the operators downstream; none by default. A set is given at the latest
+    /// when only the time that they need on board is left of an end-to-end deadline.
     pub reserve: Vec<Latency>,
-    /// How many sets a reader may lag behind; at least 1, 16 by default. While one lags further, no message is taken in.
+    /// The number of sets that a reader may lag behind; at least 1, 16 by default. While a reader
+    /// lags further behind, no message is accepted.
     pub output_len: usize,
 }
 
 /// A message that a join did not use.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct JoinDrop {
-    /// The input.
+    /// The name of the input.
     pub input: Arc<str>,
-    /// What it would have been joined by.
+    /// The key by which the message would have been joined.
     pub key: Option<u64>,
-    /// Why not.
+    /// The reason why it was not joined.
     pub why: JoinDropReason,
 }
 
-/// A join that was started. Dropping it leaves the join running; it ends after its aligned inputs.
+/// A join that was started. Dropping this handle leaves the join running. The join ends after its
+/// aligned inputs.
 #[derive(Debug)]
 pub struct RunningJoin {
     task: JoinHandle<()>,
@@ -92,11 +97,11 @@ pub struct RunningJoin {
 /// The counts of a join.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct JoinTally {
-    /// Sets that were given, by why.
+    /// The sets that were given, by cause.
     pub given: BTreeMap<JoinCause, u64>,
-    /// Sets in which an input was missing, by input.
+    /// The sets that lacked an input, by input.
     pub missing: BTreeMap<Arc<str>, u64>,
-    /// Messages that were dropped, by input and why.
+    /// The messages that were dropped, by input and reason.
     pub dropped: BTreeMap<(Arc<str>, JoinDropReason), u64>,
 }
 
@@ -122,7 +127,7 @@ struct LatestSource<S> {
     poll: PollLatest<S>,
     max_age: Duration,
     is_open: bool,
-    /// Whether sets are of its messages.
+    /// `true` if sets belong to its messages.
     is_origin: bool,
     value: Option<LatestValue<S>>,
 }
@@ -155,14 +160,15 @@ impl Default for JoinConfig {
 }
 
 impl<S: Default + Send + Sync + 'static> Join<S> {
-    /// A join without inputs.
+    /// Creates a join without inputs.
     #[must_use]
     pub const fn new(config: JoinConfig) -> Self {
         Self { config, aligned: Vec::new(), latest: Vec::new(), origin: None, on_drop: None }
     }
 
-    /// An input whose messages are aligned by the [timestamp of their origin](crate::Origin::seq): sensors that are triggered
-    /// together number their messages alike. One without it is dropped.
+    /// Adds an input whose messages are aligned by the [timestamp of their
+    /// origin](crate::Origin::seq), because sensors that are triggered together number their
+    /// messages alike. A message without that timestamp is dropped.
     ///
     /// `put` puts a message into its set, and must not block.
     pub fn aligned<T: Send + Sync + 'static>(
@@ -174,7 +180,8 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.aligned_by(name, input, |_, lineage| lineage?.origin.as_ref()?.seq, put)
     }
 
-    /// The same, aligned by a key of your own. A key that was given never opens a set again.
+    /// Adds an input whose messages are aligned by a key of your own. A key whose set was given
+    /// never opens another set.
     pub fn aligned_by<T: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
@@ -196,10 +203,11 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add(name.into(), Box::new(poll))
     }
 
-    /// An input that is an operator's output, aligned by the timestamp of its origin. A message that was missed counts as there.
+    /// Adds an input that is an operator's output, aligned by the timestamp of its origin. A
+    /// message that was missed counts as present.
     ///
-    /// Of several items of one message the set has the last, or when it is due the last so far: `put` is called with each but
-    /// one that is [final](crate::Ending::Final).
+    /// If a message has several items, the set has the last one, or the last one so far if the set
+    /// is due. `put` is called with each item except a [final](crate::Ending::Final) one.
     pub fn items<O: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
@@ -225,8 +233,9 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add(name.into(), Box::new(poll))
     }
 
-    /// An input of which each set gets the latest message, such as a localization. No set waits for it. One that is older than
-    /// `max_age`, since its capture or else since it arrived, is missing.
+    /// Adds an input of which each set gets the latest message, such as a localization. No set
+    /// waits for it. If that message is older than `max_age`, counted from its capture or otherwise
+    /// from its arrival, the input is missing.
     pub fn latest<T: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
@@ -237,7 +246,8 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add_latest(name.into(), input, max_age, |_| true, put)
     }
 
-    /// The same for an operator's output: each item in turn, but one that is [final](crate::Ending::Final), whose value is there.
+    /// Adds an operator's output of which each set gets the latest item. A
+    /// [final](crate::Ending::Final) item is skipped, because its value came before.
     pub fn latest_items<O: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
@@ -249,24 +259,27 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add_latest(name.into(), input, max_age, has_value, move |set, item, _| put(set, item))
     }
 
-    /// Sets are of the message of this [`latest`](Self::latest) input, where it is there: their lineages have its origin and
-    /// capture, and are due as the aligned inputs' are. So what control does at a tick is of the frame behind the plan, and as
-    /// old as that.
+    /// Declares that sets belong to the message of this [`latest`](Self::latest) input, if it is
+    /// present. Their lineages have that message's origin and capture, and the due instant of the
+    /// aligned inputs. So a control command belongs to the frame behind its plan, and is as old as
+    /// that frame.
     pub fn origin_of(&mut self, latest: impl Into<Arc<str>>) -> &mut Self {
         self.origin = Some(latest.into());
         self
     }
 
-    /// Is called with each message that is dropped; it must not block.
+    /// Sets the function that is called with each message that is dropped. It must not block.
     pub fn on_drop(&mut self, on_drop: impl FnMut(&JoinDrop) + Send + 'static) -> &mut Self {
         self.on_drop = Some(Box::new(on_drop));
         self
     }
 
-    /// Starts it on the current runtime; returns its sets, in the order in which they are complete or due.
+    /// Starts the join on the current runtime. Returns the running join, and its sets in the order
+    /// in which they are complete or due.
     ///
     /// # Errors
-    /// [`NoRuntime`](SpawnError::NoRuntime), [`NoOutput`](SpawnError::NoOutput) and [`NoInput`](SpawnError::NoInput).
+    /// Returns [`NoRuntime`](SpawnError::NoRuntime), [`NoOutput`](SpawnError::NoOutput) or
+    /// [`NoInput`](SpawnError::NoInput).
     pub fn spawn(mut self) -> Result<(RunningJoin, Reader<Joined<S>>), SpawnError> {
         let runtime = Handle::try_current().map_err(|_| SpawnError::NoRuntime)?;
         let JoinConfig { name, wait, window, reserve, output_len } = self.config;
@@ -332,13 +345,13 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
 }
 
 impl RunningJoin {
-    /// The counts so far.
+    /// Returns the counts so far.
     #[must_use]
     pub fn tally(&self) -> JoinTally {
         lock(&self.tally).clone()
     }
 
-    /// Waits until the aligned inputs have ended and every set was given; returns the counts.
+    /// Waits until the aligned inputs have ended and every set was given. Returns the counts.
     pub async fn join(self) -> JoinTally {
         // A runtime that was shut down has ended it too.
         let _ = self.task.await;
@@ -359,7 +372,7 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
         }
     }
 
-    /// Takes in one message, or what is due. While a reader lags, nothing.
+    /// Accepts one message, or gives what is due. While a reader lags, it does neither.
     fn poll_event(&mut self, context: &mut Context<'_>, is_over: bool) -> Poll<()> {
         let was_waiting = !self.output.is_delivered();
         if self.output.poll_delivered(context).is_pending() {
@@ -415,7 +428,7 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
         }
     }
 
-    /// Hands on the sets that are given, each with the latest of the other inputs.
+    /// Sends the sets that are given, each with the latest messages of the other inputs.
     fn give(&mut self) {
         while let Some(mut joined) = self.aligner.next_set() {
             let (now, mut of) = (Instant::now(), None);
@@ -453,7 +466,7 @@ fn now() -> std::time::Instant {
     Instant::now().into_std()
 }
 
-/// D7: a handler that panics costs its own message.
+/// A handler that panics costs its own message only (D7).
 fn guarded(handler: impl FnOnce()) {
     if let Err(panic) = catch_unwind(AssertUnwindSafe(handler)) {
         error!(why = reason(&*panic), "a handler of the join panicked");

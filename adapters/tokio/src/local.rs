@@ -10,33 +10,39 @@ use futures_util::future::BoxFuture;
 
 use crate::Error;
 
-/// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
+/// Describes how messages are computed on board (priority 0). An error or a panic is a failure
+/// (F4).
 ///
-/// A computation that has begun is never aborted (F7). Each message taken on is computed, in order, unless too many
-/// [wait](Self::waiting) or [`skip_answered`](Self::skip_answered) says otherwise.
+/// A computation that has begun is never aborted (F7). Each accepted message is computed, in order,
+/// unless too many [wait](Self::waiting), or [`skip_answered`](Self::skip_answered) is set and the
+/// message was answered.
 pub struct Local<I, O> {
-    /// How long a computation may take, counted from when its message was taken in; a second by default.
+    /// The time that a computation may take, counted from the acceptance of its message; 1 s by
+    /// default.
     ///
-    /// Without it a message whose computation never ends stays open (A9). A computation that has run for longer is counted
-    /// as lost and logged. It keeps its place until it ends, unless it may be [replaced](Self::replaceable).
+    /// With `None`, a message whose computation never ends stays open (A9). A computation that runs
+    /// longer is logged and counted as lost, and it occupies its place until it ends, unless it may
+    /// be [replaced](Self::replaceable).
     pub deadline: Option<Duration>,
-    /// How many computations that have run for longer than `deadline` may be replaced while they have not ended: another thread
-    /// takes each one's place. As many as `at_once` for [`threads`](Self::threads), which can make local anew; 0 for the
-    /// others, and ignored: a local with state does not run beside itself.
+    /// The number of computations that have run longer than `deadline` and may be replaced by
+    /// another thread each. The default is `at_once` for [`threads`](Self::threads), which can make
+    /// another function. It is 0, and has no effect, for the other kinds: a computation with state
+    /// must not run beside itself.
     pub replaceable: usize,
-    /// How many messages may wait for a computation; by default as many as the window. For one more,
-    /// one is thrown out: local fails for it (F4), and only the clouds can answer it.
+    /// The number of messages that may wait for a computation; by default as many as the window.
+    /// Beyond that, one is discarded: local fails for it (F4), and only the clouds can answer it.
     pub waiting: Option<usize>,
-    /// Which one is thrown out then; by default the oldest, since a fresh message is worth more (D17).
+    /// The message that is discarded then; by default the oldest, because a fresh message is worth
+    /// more (D17).
     pub overflow: Overflow,
-    /// Whether a computation that has not begun is skipped once its message is answered. Off by
-    /// default, since local may keep state.
+    /// `true` to skip a computation that has not begun when its message is answered. `false` by
+    /// default, because local may keep state.
     pub skip_answered: bool,
     pub(crate) at_once: usize,
     pub(crate) kind: LocalKind<I, O>,
 }
 
-/// Local's deadline, unless it is set.
+/// The deadline if none is set.
 const DEADLINE: Duration = Duration::from_secs(1);
 
 pub(crate) enum LocalKind<I, O> {
@@ -46,12 +52,12 @@ pub(crate) enum LocalKind<I, O> {
 
 pub(crate) type Spawn<I, O> =
     Box<dyn FnMut(Arc<I>, u64) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
-/// Makes another of local's computations, with state of its own.
+/// Makes another function with state of its own.
 pub(crate) type MakeCompute<I, O> = Box<dyn FnMut() -> Compute<I, O> + Send>;
 pub(crate) type Compute<I, O> = Box<dyn FnMut(&I, u64) -> Result<O, Error> + Send>;
 
 impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
-    /// An async function, one message at a time.
+    /// Computes with an async function, one message at a time.
     #[must_use]
     pub fn future<Fut>(compute: impl FnMut(Arc<I>, u64) -> Fut + Send + 'static) -> Self
     where
@@ -60,7 +66,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
         Self::futures(1, compute)
     }
 
-    /// An async function, up to `at_once` (at least 1) messages at a time.
+    /// Computes with an async function, up to `at_once` (at least 1) messages at a time.
     #[must_use]
     pub fn futures<Fut>(
         at_once: usize,
@@ -128,7 +134,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
 }
 
 impl<I, O> LocalKind<I, O> {
-    /// Whether a thread with a new computation can take the place of one that hangs.
+    /// Returns `true` if another thread can take the place of one that hangs.
     pub(crate) const fn is_made_anew(&self) -> bool {
         matches!(self, Self::Threads(_, Some(_)))
     }

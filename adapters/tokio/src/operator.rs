@@ -1,6 +1,7 @@
 //! [`Operator`], which users implement, its [`Config`], and [`spawn`], which starts it.
 //!
-//! What it does with messages is in `run`, the event loop in [`drive`](crate::drive), the decisions in the core.
+//! `run` applies an operator to messages, [`drive`](crate::drive) has the event loop, and the core
+//! decides.
 
 use std::collections::VecDeque;
 use std::io;
@@ -29,74 +30,78 @@ use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
 use crate::workers::Workers;
 
-/// A typed operator: for each input message it forwards one result, the best that is in time; under progressive also each one
-/// that is better than those before it, as it comes (F9).
+/// A typed operator. For each message it sends one result: the best that comes in time. Under
+/// progressive it also sends each better result as it comes (F9).
 pub trait Operator {
-    /// A message; shared by local and the handlers.
+    /// The type of messages. Local and the handlers share each message.
     type Input: Send + Sync + 'static;
-    /// A result.
+    /// The type of results.
     type Output: Send + Sync + 'static;
 
-    /// Registers the clouds and returns how messages are computed locally.
+    /// Registers the clouds, and returns how messages are computed on board.
     fn setup(
         self,
         setup: &mut Setup<Self::Input, Self::Output>,
     ) -> Local<Self::Input, Self::Output>;
 }
 
-/// An operator's configuration.
+/// Configures an operator.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Config {
     /// The operator's name in logs, metrics and traces; `operator` by default.
     pub name: String,
-    /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full`
-    /// (F1).
+    /// The greatest number of messages that may be open at once, 1 to 1024; 16 by default. Further
+    /// messages are refused as `full` (F1).
     pub window: u16,
     /// The commit rule (F6, F9); eager by default.
     pub commit: Commit,
-    /// How many items a reader of the output may lag behind; at least 1, 16 by default. While one lags
-    /// further, no message is taken in; what is open goes on. So an output that is neither read nor
-    /// dropped holds up the operator and whatever waits for its end.
+    /// The number of items that a reader of the output may lag behind; at least 1, 16 by default.
+    /// While a reader lags further behind, the operator accepts no message, and finishes those that
+    /// are open. So an output that is neither read nor dropped blocks the operator and everything
+    /// that waits for its end.
     pub output_len: usize,
-    /// Whose timers wake it at a due instant; tokio's by default.
+    /// The timers that wake the operator at a due instant; tokio's by default.
     pub timers: Timers,
-    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and
-    /// logged as a warning; 20 ms by default.
+    /// The greatest delay of a timer, and the longest time that a handler may run without a pause,
+    /// that is not counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline that a request or local may have; a minute by default. A longer one, such as milliseconds read as
-    /// seconds, is refused: of local at the start, of an offer as `deadline`, with a warning at the first (F2, A14). Where a
-    /// policy chooses, it is the most that it may choose.
+    /// The longest deadline that a request or local may have; 60 s by default. A longer one,
+    /// such as milliseconds that were read as seconds, is refused: local's deadline at the start, an
+    /// offer as `deadline`, with a warning for the first (F2, A14). If a policy chooses deadlines, this
+    /// is the greatest that it may choose.
     pub greatest_deadline: Duration,
-    /// Where the run is recorded; nowhere by default.
+    /// The file in which the run is recorded; none by default.
     pub trace: Option<Trace>,
-    /// E3: how long the operators downstream take, one after the other; nothing by default.
+    /// The latencies of the operators downstream, one after the other; none by default (E3).
     ///
-    /// A message's requests end when what they take with their clouds is left of its
-    /// [end-to-end deadline](crate::Lineage::within). With a substitute, local ends when what they need on board is left. A
-    /// join's wait belongs to what is needed on board.
+    /// A message's requests end when only the time that these operators need with their clouds is
+    /// left of its [end-to-end deadline](crate::Lineage::within). With a substitute, local ends
+    /// when only the time that they need on board is left. A join's wait belongs to the time on
+    /// board.
     pub reserve: Vec<Latency>,
-    /// Where this operator records how long each message and each local computation takes, for the reserve of those
-    /// upstream; nowhere by default.
+    /// The record of how long each message and each local computation takes, for the reserve of the
+    /// operators upstream; none by default.
     pub latency: Option<Latency>,
-    /// Whether each item carries its message, for [`Item::message`](crate::Item::message); not by default: a message is then
-    /// let go of once local and the handlers are done with it.
+    /// `true` if each item carries its message, for [`Item::message`](crate::Item::message).
+    /// `false` by default: then a message is freed as soon as local and the handlers are done with
+    /// it.
     pub carry_messages: bool,
-    /// What the operator must keep up with; not checked by default. If given, an operator with too
-    /// small a window or too few calls or local computations is not started: its policies and local
-    /// could not do what they promise.
+    /// The rate of messages that the operator must keep up with; not checked by default. If it is
+    /// given, an operator with too small a window, or too few calls or local computations at once,
+    /// is not started, because its policies and local could not keep their promises.
     pub workload: Option<Workload>,
 }
 
-/// Where and how a run is recorded.
+/// Configures the recording of a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Trace {
-    /// The file; it is overwritten.
+    /// The file. An existing file is overwritten.
     pub path: PathBuf,
-    /// Rotation and compression.
+    /// The rotation and the compression.
     pub recording: Recording,
 }
 
-/// An operator that was started. Dropping it leaves the operator running.
+/// An operator that was started. Dropping this handle leaves the operator running.
 #[derive(Debug)]
 pub struct Running {
     task: JoinHandle<io::Result<()>>,
@@ -105,19 +110,21 @@ pub struct Running {
     sides: Vec<Arc<SideCounts>>,
 }
 
-/// Why an operator was not started.
+/// The reason why an operator was not started.
 #[derive(Debug, Error)]
 pub enum SpawnError {
     /// There is no tokio runtime to run it.
     #[error("an operator must be started within a tokio runtime")]
     NoRuntime,
-    /// A join has no [latest-value input](crate::Join::latest) with the name that its sets are said to be of.
+    /// A join has no [latest-value input](crate::Join::latest) with the name that
+    /// [`origin_of`](crate::Join::origin_of) was given.
     #[error("{name:?} is not a latest-value input of this join; name one that is")]
     NoInput {
         /// The name.
         name: String,
     },
-    /// The configuration and these clouds make no operator, or it could not keep up with its [workload](Config::workload).
+    /// There is no operator with this configuration and these clouds, or it could not keep up with
+    /// its [workload](Config::workload).
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] EngineConfigError),
     /// Local's deadline is above the [greatest](Config::greatest_deadline).
@@ -128,26 +135,24 @@ pub enum SpawnError {
     LocalDeadline {
         /// Local's deadline.
         deadline: Duration,
-        /// The greatest.
+        /// The greatest deadline.
         greatest: Duration,
     },
-    /// A side request's gate could never open again.
+    /// The gate of a side request could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
     SideRequest {
         /// The side request's name.
         name: String,
     },
     /// [`output_len`](Config::output_len) is 0: no item could ever be written.
-    #[error(
-        "an output of which readers may lag 0 items behind has no room for any; give at least 1"
-    )]
+    #[error("the output has no room, because its readers may lag 0 items behind; give at least 1")]
     NoOutput,
     /// The trace's file cannot be created.
     #[error("the trace {path} cannot be written: {error}", path = path.display())]
     Trace {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The system's error.
         error: io::Error,
     },
     /// There is no timer as [configured](Config::timers).
@@ -158,21 +163,22 @@ pub enum SpawnError {
     Threads(io::Error),
 }
 
-/// Why an operator did not end well; its counts are kept all the same.
+/// The reason why an operator did not end well. Each variant has the counts.
 #[derive(Debug, Error)]
 pub enum JoinError {
-    /// It ended, but its trace ended earlier. [`Tally::recording_error`] said so when it happened.
+    /// The operator ended, but its trace ended earlier. [`Tally::recording_error`] reported it when
+    /// it happened.
     #[error("the trace ends early: {error}")]
     Trace {
-        /// Why.
+        /// The error that ended the trace.
         error: io::Error,
-        /// Its counts, to its own end.
+        /// The counts, up to the operator's own end.
         tally: Box<Tally>,
     },
     /// The runtime was shut down first.
     #[error("the runtime was shut down before the operator ended")]
     Stopped {
-        /// Its counts up to that point.
+        /// The counts up to that point.
         tally: Box<Tally>,
     },
 }
@@ -308,33 +314,34 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
 }
 
 impl Running {
-    /// The operator's counts so far.
+    /// Returns the operator's counts so far.
     #[must_use]
     pub fn tally(&self) -> Tally {
         self.counting.tally()
     }
 
-    /// The counts of its side requests so far, in the order of registration.
+    /// Returns the counts of its side requests so far, in the order of registration.
     #[must_use]
     pub fn sides(&self) -> Vec<SideTally> {
         self.sides.iter().map(|counts| counts.tally()).collect()
     }
 
-    /// Ends the operator at once: calls are aborted, open messages stay unanswered, the output
-    /// ends. The trace is whole up to that point.
+    /// Stops the operator at once: its calls are aborted, open messages stay unanswered, and the
+    /// output ends. The trace is whole up to that point.
     pub fn stop(&self) {
         let stop = lock(&self.stop).take();
         // It may have been stopped before, or have ended.
         let _ = stop.map(|stop| stop.send(()));
     }
 
-    /// Waits until the operator has ended and its trace is written; returns its counts.
+    /// Waits until the operator has ended and its trace is written. Returns its counts.
     ///
-    /// It ends after its input has ended and every item has found room, so read the output meanwhile
-    /// or drop it.
+    /// The operator ends after its input has ended and every item has found room. So read the
+    /// output meanwhile, or drop it.
     ///
     /// # Errors
-    /// If the trace could not be written whole, or the runtime was shut down first.
+    /// Returns an error if the trace could not be written whole, or if the runtime was shut down
+    /// first.
     pub async fn join(self) -> Result<Tally, JoinError> {
         let ended = self.task.await;
         let tally = Box::new(self.counting.tally());
@@ -377,7 +384,7 @@ fn sides<I>(
     registered.into_iter().map(asker).collect()
 }
 
-/// A14: local's deadline bounds the wait for a message as those of requests do.
+/// Local's deadline bounds the wait for a message, as the deadlines of requests do (A14).
 fn check_local<I, O>(config: &Config, local: &Local<I, O>) -> Result<(), SpawnError> {
     let greatest = config.greatest_deadline;
     match local.deadline {

@@ -11,7 +11,7 @@ const BUCKETS: [f64; 15] =
 /// Serves the metrics of all operators started from now on at `http://address/metrics`.
 ///
 /// # Errors
-/// If the program cannot listen on the address, or already has a metrics recorder.
+/// Returns an error if the program cannot listen on the address, or already has a metrics recorder.
 pub fn prometheus(address: SocketAddr) -> Result<(), BuildError> {
     PrometheusBuilder::new()
         .with_http_listener(address)

@@ -1,4 +1,5 @@
-//! [`Setup`]: what [`Operator::setup`](crate::Operator::setup) registers, such as clouds with their handlers and bounds.
+//! [`Setup`] holds what [`Operator::setup`](crate::Operator::setup) registers, such as clouds with
+//! their handlers and bounds.
 //!
 //! Registering starts nothing; [`spawn`](crate::spawn) does.
 
@@ -39,13 +40,13 @@ pub(crate) struct CloudHandler<I, O> {
 
 /// Takes late results.
 pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
-/// What is sent for a message without a result.
+/// Returns the value to send for a message without a result.
 pub(crate) type SubstituteHandler<O> = Box<dyn FnMut(&Item<O>) -> Option<O> + Send>;
 /// Takes over the state of a result that was sent for a message.
 pub(crate) type StateHandler<O> = Box<dyn FnMut(u64, &O) + Send>;
 /// Gives policies the vehicle's situation.
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
-/// What to send, if anything, and how long the cloud may take.
+/// Returns the request to send, if any, and how long the cloud may take.
 pub(crate) type MessageHandler<I, O> =
     Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
 
@@ -110,7 +111,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self.use_stamped_cloud(handle, message_handler, response_handler, priority)
     }
 
-    /// Registers a cloud whose responses say which message their value is of, as [`use_cloud`](Self::use_cloud) does.
+    /// Registers a cloud whose responses name the message that their value was computed from.
+    /// Otherwise it works as [`use_cloud`](Self::use_cloud) does.
     ///
     /// `response_handler` reads the timestamp of that message from the response and returns it in the field `of`. It must
     /// not use the timestamp of the call, which says nothing about a mixed-up response. The oldest message counts for a blend
@@ -159,8 +161,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.clouds[last]
     }
 
-    /// Sets where the clouds' policies get the vehicle's situation from with each message taken in, above
-    /// all its speed. Without it nothing is known, and the guard risks nothing.
+    /// Sets the function that gives the clouds' policies the vehicle's situation, above all its
+    /// speed, for each accepted message. Without it nothing is known, and the guard takes no risk.
     ///
     /// It is called in the operator's task and must not block. After a panic the situation is unknown.
     pub fn use_situation(
@@ -290,8 +292,9 @@ impl<I, O: Send + 'static> Setup<I, O> {
 }
 
 impl<I, O> CloudHandler<I, O> {
-    /// What the message handler wants to send; nothing if it panics. `ended` is when the handler before it did, if nothing of the
-    /// user's has run since, and then when this one does.
+    /// Returns the request of the message handler; `None` if the handler panics. `ended` is when
+    /// the handler before it ended, if nothing of the user's has run since, and afterwards when
+    /// this one ended.
     pub(crate) fn request(
         &mut self,
         message: &I,

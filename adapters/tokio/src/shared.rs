@@ -1,11 +1,11 @@
-//! State that the parts of an operator share.
+//! State that parts of an operator share.
 
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
 use fuseline_engine::lock;
 
-/// State that local, handlers and side requests have in common; clones share it.
+/// Shares state between local, handlers and side requests. Clones share the same state.
 ///
 /// ```
 /// # use fuseline_tokio::SharedState;
@@ -17,18 +17,20 @@ use fuseline_engine::lock;
 pub struct SharedState<T>(Arc<Mutex<T>>);
 
 impl<T> SharedState<T> {
-    /// Shared state that begins as `state`.
+    /// Creates shared state that begins as `state`.
     #[must_use]
     pub fn new(state: T) -> Self {
         Self(Arc::new(Mutex::new(state)))
     }
 
-    /// Looks at the state or changes it, while nobody else does.
+    /// Calls `use_it` with the state, which nobody else uses meanwhile. Returns what `use_it`
+    /// returns.
     ///
-    /// Others wait meanwhile, among them the operator if its message handlers use the state: copy what is
-    /// needed and compute outside. A panic leaves the state as it is at that moment.
+    /// Others wait meanwhile, among them the operator if its message handlers use the state. So
+    /// copy what you need, and compute outside. After a panic the state stays as it was at that
+    /// moment.
     ///
-    /// Do not call it from within `use_it`: it would wait for ever.
+    /// Do not call it from within `use_it`: that call would never return.
     pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {
         use_it(&mut lock(&self.0))
     }
@@ -46,7 +48,7 @@ impl<T: Default> Default for SharedState<T> {
     }
 }
 
-/// Does not show the state, since reading it might wait.
+/// Does not print the state, because reading it might wait.
 impl<T> fmt::Debug for SharedState<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("SharedState(…)")

@@ -20,16 +20,17 @@ use crate::error_chain::ErrorChain;
 use crate::panics::{guarded, panicked, reason};
 use crate::side_counts::{SideCounts, WaitingGuard};
 
-/// The queue and bounds of a [side request](crate::Setup::use_side_request), with defaults.
+/// Configures the queue and the bounds of a [side request](crate::Setup::use_side_request).
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SideRequest {
-    /// For people and metrics; `side-` and its number, from 1, by default.
+    /// The name for people and metrics; by default `side-` and its number, from 1.
     pub name: String,
-    /// The gate shuts when this many requests wait to be sent (F2g); at least 1, 8 by default.
+    /// The number of waiting requests at which the gate shuts (F2g); at least 1, 8 by default.
     pub limit: u64,
-    /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
+    /// The number of waiting requests at or below which the shut gate opens; less than `limit`, 0
+    /// by default.
     pub resume: u64,
-    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
+    /// The greatest number of calls under way; at least 1, 8 by default. Further requests wait.
     pub calls: usize,
 }
 
@@ -57,7 +58,7 @@ pub(crate) struct SideRunner<I> {
 }
 
 impl<I> SideRunner<I> {
-    /// Ready to send; none unless `resume < limit`.
+    /// Creates the running side request, or returns `None` unless `resume < limit`.
     pub(crate) fn new(
         operator: &str,
         SideRegistration { side, message_handler }: SideRegistration<I>,
@@ -77,7 +78,7 @@ impl<I> SideRunner<I> {
         Arc::clone(&self.counts)
     }
 
-    /// Sends a request about a message that was taken on, if the message handler wants one.
+    /// Sends a request about an accepted message, if the message handler returns one.
     pub(crate) fn on_message(
         &mut self,
         message: &I,
@@ -120,7 +121,7 @@ impl<I> SideRunner<I> {
             let call = Call { timestamp, deadline: remaining, lineage, byte_counter };
             let answer = guarded(request(call)).await;
             drop(permit);
-            // As everywhere, an answer at the due instant is late.
+            // An answer at the due instant is late, as everywhere.
             if requested.elapsed() < deadline {
                 settle(&counts, timestamp, answer);
             } else {

@@ -9,28 +9,28 @@ use metrics::{Counter, counter};
 /// Counts of side requests since the operator's start.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SideTally {
-    /// Its name.
+    /// The name of the side request.
     pub name: String,
-    /// Requests that the gate let pass.
+    /// The requests that the gate admitted.
     pub requested: u64,
-    /// Requests that the gate refused, or whose deadline was zero.
+    /// The requests that the gate refused, or whose deadline was zero.
     pub refused: u64,
-    /// Answers that came in time and that the response handler accepted.
+    /// The answers that came in time and that the response handler accepted.
     pub answered: u64,
-    /// Calls and response handlers that failed.
+    /// The calls and response handlers that failed.
     pub failed: u64,
-    /// Requests that were due before an answer came.
+    /// The requests that were due before an answer came.
     pub expired: u64,
-    /// Times that its message handler failed.
+    /// The failures of its message handler.
     pub handler_failed: u64,
-    /// Bytes that its calls report as sent.
+    /// The bytes that its calls report as sent.
     pub sent_bytes: u64,
 }
 
-/// The counts of side requests, to be read from anywhere.
+/// The counts of side requests, which may be read from anywhere.
 pub(crate) struct SideCounts {
     pub(crate) name: String,
-    /// Requests that wait for a permit.
+    /// The requests that wait for a permit.
     waiting: AtomicU64,
     pub(crate) requested: Count,
     pub(crate) refused: Count,
@@ -78,7 +78,7 @@ impl SideCounts {
         }
     }
 
-    /// How many requests wait for a permit.
+    /// Returns the number of requests that wait for a permit.
     pub(crate) fn waiting(&self) -> u64 {
         self.waiting.load(Ordering::Relaxed)
     }

@@ -1,6 +1,7 @@
-//! Typed streams, which join operators to one another and to the rest of a program (D8 bounded).
+//! Typed streams, which connect operators to one another and to the rest of a program (D8).
 //!
-//! A [`Writer`] never waits for room in [`write`](Writer::write), and each [`Reader`] may lag a fixed number of messages behind.
+//! [`Writer::write`] never waits for room, and each [`Reader`] may lag a fixed number of messages
+//! behind.
 
 use std::fmt;
 use std::future::poll_fn;
@@ -16,7 +17,7 @@ use tokio::sync::{Semaphore, mpsc};
 
 use crate::in_order::OrderedReading;
 
-/// A stream of `T` with one writer, each of whose readers may lag `capacity` messages behind.
+/// Creates a stream of `T` with one writer. Each of its readers may lag `capacity` messages behind.
 ///
 /// # Panics
 /// If `capacity` is 0: no message could ever be written.
@@ -35,12 +36,12 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 
 /// The writing end of a stream. Dropping it ends the stream.
 ///
-/// A message's timestamp is its index in the stream, from 0, and the same for all readers.
+/// A message's timestamp is its index in the stream, from 0. It is the same for all readers.
 ///
-/// A message is [written](Self::write) at once or not at all, never after a wait: a task that waits
-/// for an operator to take a message in, and does not read the operator's output meanwhile, would
-/// wait for ever once the output is full. [`write_all`](Self::write_all) waits, but takes the writer,
-/// so that it can only run beside the task that reads.
+/// A message is [written](Self::write) at once or not at all. If a write could wait, a task that
+/// waits for an operator to accept a message, and does not read the operator's output meanwhile,
+/// would wait forever once the output is full. [`write_all`](Self::write_all) waits, but it takes
+/// the writer, so it can only run beside the task that reads.
 #[derive(Debug)]
 pub struct Writer<T> {
     readers: Vec<mpsc::Sender<StreamMessage<T>>>,
@@ -48,7 +49,7 @@ pub struct Writer<T> {
     count: u64,
 }
 
-/// A reading end of a stream; readers share the messages, without copies.
+/// The reading end of a stream. Readers share the messages, without copies.
 pub struct Reader<T> {
     receiver: mpsc::Receiver<StreamMessage<T>>,
     joining: Weak<NewReaders<T>>,
@@ -59,7 +60,7 @@ pub struct Reader<T> {
     pub(crate) order: Option<Box<OrderedReading<T>>>,
 }
 
-/// Keeps a message back, or gives one on.
+/// Keeps a message back, or returns one to give.
 pub(crate) type Filter<T> =
     Box<dyn FnMut(StreamMessage<T>) -> Option<StreamMessage<T>> + Send + Sync>;
 
@@ -78,10 +79,10 @@ impl<T> Clone for StreamMessage<T> {
     }
 }
 
-/// Readers made since the last message.
+/// The readers that were made since the last message.
 #[derive(Debug)]
 struct NewReaders<T> {
-    /// Whether there are any; checked with each message.
+    /// `true` if there are any; checked with each message.
     is_any: AtomicBool,
     readers: Mutex<Vec<mpsc::Sender<StreamMessage<T>>>>,
 }
@@ -92,31 +93,32 @@ impl<T> NewReaders<T> {
     }
 }
 
-/// Why a message was not written.
+/// The reason why a message was not written, with the message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum WriteError<T> {
-    /// Some reader lags its whole capacity behind; here is the message.
+    /// Some reader lags behind by its whole capacity.
     #[error("a reader of the stream lags behind")]
     Full(T),
-    /// No reader is left; here is the message.
+    /// No reader is left.
     #[error("the stream has no reader left")]
     Closed(T),
 }
 
 impl<T> Writer<T> {
-    /// Writes a message if every reader has room for it now; returns its timestamp.
+    /// Writes a message if every reader has room for it now. Returns its timestamp.
     ///
     /// # Errors
-    /// If some reader has no room, or there is none; the message comes back.
+    /// Returns the message if some reader has no room, or if there is no reader.
     pub fn write(&mut self, message: T) -> Result<u64, WriteError<T>> {
         self.write_with(message, None)
     }
 
-    /// Writes a message with its lineage: a [`Lineage`], or what an [item](crate::Item::lineage) has. The operator that reads it
-    /// passes it on with its items.
+    /// Writes a message with its lineage: a [`Lineage`], or the lineage of an
+    /// [item](crate::Item::lineage). The operator that reads the message passes the lineage on with
+    /// its items.
     ///
     /// # Errors
-    /// As of [`write`](Self::write).
+    /// Returns the errors of [`write`](Self::write).
     pub fn write_with(
         &mut self,
         message: T,
@@ -140,8 +142,8 @@ impl<T> Writer<T> {
         Ok(timestamp)
     }
 
-    /// Writes each message as soon as every reader has room for it, then ends the stream; returns
-    /// how many messages the stream has had.
+    /// Writes each message as soon as every reader has room for it, then ends the stream. Returns
+    /// the number of messages that the stream has had.
     ///
     /// Run it in a task of its own, or join it with the reader:
     ///
@@ -158,15 +160,15 @@ impl<T> Writer<T> {
     /// ```
     ///
     /// # Errors
-    /// Only [`WriteError::Closed`].
+    /// Returns only [`WriteError::Closed`].
     pub async fn write_all(self, messages: impl Stream<Item = T>) -> Result<u64, WriteError<T>> {
         self.write_all_with(messages.map(|message| (message, None))).await
     }
 
-    /// The same of messages with their lineages.
+    /// Writes each message with its lineage, as [`write_all`](Self::write_all) does.
     ///
     /// # Errors
-    /// As of [`write_all`](Self::write_all).
+    /// Returns the errors of [`write_all`](Self::write_all).
     pub async fn write_all_with<L: Into<Option<Arc<Lineage>>>>(
         mut self,
         messages: impl Stream<Item = (T, L)>,
@@ -195,7 +197,7 @@ impl<T> Writer<T> {
     /// Removes readers that closed and adds those that joined.
     fn admit(&mut self) {
         self.readers.retain(|reader| !reader.is_closed());
-        // Mostly none joined, and a read leaves the line to those who share it.
+        // Usually none joined, and a read leaves the cache line to those who share it.
         if self.joining.is_any.load(Ordering::Acquire) {
             self.joining.is_any.store(false, Ordering::Relaxed);
             self.readers.append(&mut self.joining.lock());
@@ -208,12 +210,13 @@ impl<T> Writer<T> {
 }
 
 impl<T> Reader<T> {
-    /// The next message, or none when the stream has ended. Dropping the future loses no message.
+    /// Returns the next message, or `None` when the stream has ended. Dropping the future loses no
+    /// message.
     pub async fn read(&mut self) -> Option<Arc<T>> {
         poll_fn(|context| self.poll_numbered(context)).await.map(|it| it.message)
     }
 
-    /// Another reader of the stream, for all messages written from now on.
+    /// Returns another reader of the stream, for all messages written from now on.
     #[must_use]
     pub fn new_reader(&self) -> Self {
         let (sender, receiver) = mpsc::channel(self.capacity);
@@ -225,7 +228,7 @@ impl<T> Reader<T> {
         Self { receiver, joining, capacity: self.capacity, filter: None, order: None }
     }
 
-    /// The next message with its timestamp and lineage.
+    /// Returns the next message with its timestamp and lineage.
     pub(crate) fn poll_numbered(
         &mut self,
         context: &mut Context<'_>,

@@ -1,5 +1,5 @@
-//! A tower [`Layer`] for a service that has fallbacks of rising quality: all are called at once, and the best answer by the
-//! deadline is the answer, not the first one.
+//! A tower [`Layer`] for a service that has fallbacks of rising quality. It calls all of them at
+//! once, and answers with the best answer by the deadline, not with the first one.
 //!
 //! ```
 //! # use std::time::Duration;
@@ -40,7 +40,7 @@ use crate::{
     Call, Config, Error, Items, Local, Operator, Setup, SharedState, Writer, spawn, stream,
 };
 
-/// Fallbacks of rising quality, for a service that is better than all of them.
+/// Adds fallbacks of rising quality to a service that is better than all of them.
 pub struct FallbackLayer<Req, Res> {
     local: FallbackCall<Req, Res>,
     fallbacks: Vec<(FallbackCall<Req, Res>, Duration)>,
@@ -48,10 +48,11 @@ pub struct FallbackLayer<Req, Res> {
     config: Config,
 }
 
-/// A service with its fallbacks; clones share the requests under way.
+/// A service with its fallbacks. Clones share the requests under way.
 ///
-/// Any number of services may be called at once, for as many requests as [`Config::window`] has room for; one more is an error.
-/// A request whose future is dropped is given up: its calls are dropped too.
+/// Any number of services may be called at once, for as many requests as [`Config::window`] has
+/// room for. A further request is an error. A request whose future is dropped is given up, and its
+/// calls are dropped too.
 pub struct FallbackService<Req, Res> {
     started: Result<Arc<RunningService<Req, Res>>, Arc<str>>,
 }
@@ -62,10 +63,11 @@ struct RunningService<Req, Res> {
     callers: WaitingCallers<Res>,
 }
 
-/// Those who wait for an answer, by the timestamp of their request.
+/// The callers that wait for an answer, by the timestamp of their request.
 type WaitingCallers<Res> = SharedState<BTreeMap<u64, oneshot::Sender<Result<Res, Error>>>>;
 
-/// What one service makes of a request: it becomes ready and is called within the same budget.
+/// Makes a request to one service: waits until the service is ready and calls it, within one
+/// budget.
 type FallbackCall<Req, Res> =
     Arc<dyn Fn(Arc<FallbackRequest<Req>>) -> BoxFuture<'static, Result<Res, Error>> + Send + Sync>;
 
@@ -87,20 +89,23 @@ where
     Req: Clone + Send + Sync + 'static,
     Res: Send + Sync + Clone + 'static,
 {
-    /// With a service on board, which is never cancelled (F7) and whose answer is sent if none is better by the deadlines.
+    /// Creates a layer with a service on board. It is never cancelled (F7), and its answer is sent
+    /// if no better one comes by the deadlines.
     pub fn new<S>(local: S) -> Self
     where
         S: Service<Req, Response = Res> + Clone + Send + 'static,
         S::Future: Send,
         S::Error: Into<Error>,
     {
-        // Under eager the earlier deadline of a fallback would end the wait for a better answer (A4).
+        // Under eager, the earlier deadline of a fallback would end the wait for a better answer
+        // (A4).
         let config = Config { commit: Commit::Patient, ..Config::default() };
         let local = boxed(local);
         Self { local, fallbacks: Vec::new(), deadline: Duration::from_secs(1), config }
     }
 
-    /// With one that is better than those before it, and has so much time, readiness included; at most 14.
+    /// Adds a fallback that is better than those before it. It has `deadline` to become ready and
+    /// answer. There may be at most 14.
     #[must_use]
     pub fn fallback<S>(mut self, service: S, deadline: Duration) -> Self
     where
@@ -112,14 +117,15 @@ where
         self
     }
 
-    /// How much time the wrapped service has; at first a second.
+    /// Sets the time that the wrapped service has; 1 s by default.
     #[must_use]
     pub const fn deadline(mut self, deadline: Duration) -> Self {
         self.deadline = deadline;
         self
     }
 
-    /// The operator's configuration, such as its window, commit rule (patient, unless this says otherwise) and trace.
+    /// Sets the operator's configuration, such as its window, trace and commit rule, which is
+    /// patient by default.
     #[must_use]
     pub fn config(mut self, config: Config) -> Self {
         self.config = config;
@@ -137,7 +143,8 @@ where
 {
     type Service = FallbackService<Req, Res>;
 
-    /// Starts the operator, on the current runtime. What it cannot be started for is each call's error.
+    /// Starts the operator on the current runtime. If it cannot start, each call fails with the
+    /// reason.
     fn layer(&self, best: S) -> Self::Service {
         let mut clouds = self.fallbacks.clone();
         clouds.push((boxed(best), self.deadline));
@@ -192,7 +199,7 @@ impl<Req: Send + Sync + 'static, Res> RunningService<Req, Res> {
         &self,
         request: Arc<FallbackRequest<Req>>,
     ) -> Result<oneshot::Receiver<Result<Res, Error>>, Error> {
-        // Locked until the caller is there, so that no answer comes before.
+        // Locked until the caller is registered, so that no answer comes before.
         self.callers.with(|callers| {
             let written = self.requests.with(|requests| requests.write(request));
             let timestamp = written.map_err(|_| "too many requests are under way")?;
@@ -237,7 +244,7 @@ async fn answer<Res: Clone + Send + Sync + 'static>(
     while let Some(item) = items.read().await {
         let caller = callers.with(|callers| callers.remove(&item.timestamp));
         let Some(caller) = caller else { continue };
-        // One that does not wait any more has dropped the other half.
+        // A caller that no longer waits has dropped the other half.
         let _ = caller.send(result_of(Arc::unwrap_or_clone(item)));
     }
 }
@@ -254,7 +261,8 @@ fn result_of<Res>(item: Item<Res>) -> Result<Res, Error> {
     }
 }
 
-/// A service as a function that waits until it is ready, calls it, and gives up when nobody waits for it.
+/// Turns a service into a function that waits until it is ready, calls it, and gives up when nobody
+/// waits for it.
 fn boxed<S, Req>(service: S) -> FallbackCall<Req, S::Response>
 where
     S: Service<Req> + Clone + Send + 'static,

@@ -31,22 +31,23 @@ pub(crate) struct LocalThreads<I, O> {
     make: Option<MakeCompute<I, O>>,
 }
 
-/// Messages that are to be computed, with their timestamps.
+/// The messages that are to be computed, with their timestamps.
 type LocalJobs<I> = mpsc::Receiver<(Arc<I>, u64)>;
 
-/// What each thread has.
+/// The data that each thread has.
 struct LocalWorker<I, O> {
     jobs: Arc<Mutex<LocalJobs<I>>>,
     completions: UnboundedSender<Completion<O>>,
-    /// The timestamps that are being computed, and whether another thread took the place of theirs.
+    /// The timestamps that are being computed, and `true` if another thread took the place of
+    /// theirs.
     running: Arc<Mutex<Vec<(u64, bool)>>>,
 }
 
 impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
-    /// Starts what `kind` says.
+    /// Starts the computation that `kind` describes.
     ///
     /// # Errors
-    /// If a thread cannot be started.
+    /// Returns an error if a thread cannot be started.
     pub(crate) fn start(kind: LocalKind<I, O>) -> io::Result<Self> {
         let (computes, make) = match kind {
             LocalKind::Future(spawn) => return Ok(Self::Future(spawn)),
@@ -76,10 +77,11 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
         }
     }
 
-    /// Starts another thread for the one that computes this message, which ends when it has done so.
+    /// Starts another thread in place of the one that computes this message. That thread ends after
+    /// this computation.
     pub(crate) fn replace(&mut self, timestamp: u64) {
         let Self::Threads(LocalThreads { worker, make: Some(make), .. }) = self else { return };
-        // Made with the lock released: it may take long.
+        // Made with the lock released, because it may take long.
         if !worker.running().iter().any(|(t, _)| *t == timestamp) {
             return;
         }
@@ -89,13 +91,13 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
             error!(timestamp, %error, "local's worker cannot be replaced");
             return;
         }
-        // One that has ended meanwhile goes on beside the new one.
+        // A thread that has ended meanwhile goes on beside the new one.
         if let Some((_, is_replaced)) = worker.running().iter_mut().find(|(t, _)| *t == timestamp) {
             *is_replaced = true;
         }
     }
 
-    /// The next end of a computation on a thread.
+    /// Returns the next end of a computation on a thread.
     pub(crate) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
         match self {
             Self::Future(_) => Poll::Pending,
@@ -119,7 +121,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> LocalWorker<I, O> {
         thread.spawn(move || while worker.compute_next(&mut compute) {}).map(drop)
     }
 
-    /// Computes a message; false if the thread is to end.
+    /// Computes a message. Returns `false` if the thread is to end.
     fn compute_next(&self, compute: &mut Compute<I, O>) -> bool {
         let job = lock(&self.jobs).recv();
         let Ok((message, timestamp)) = job else { return false };

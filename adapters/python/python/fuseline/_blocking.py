@@ -27,7 +27,7 @@ class BlockingOperator(Generic[M, V]):
     """Runs an operator on an event loop in a thread of its own; use it as a context manager.
 
     Handles and an ``async def`` of local run in that thread. Its methods may be called from any
-    other thread, also at once from several. At the end of the block it waits as `Operator` does.
+    other thread, even from several at once. At the end of the block it waits as `Operator` does.
 
     >>> def local(n, t):
     ...     return f"{n} on board"
@@ -84,11 +84,11 @@ class BlockingOperator(Generic[M, V]):
             self._end()
 
     def write(self, message: M, lineage: Lineage | None = None) -> int:
-        """Takes a message in, and returns its timestamp.
+        """Accepts a message, and returns its timestamp.
 
         Raises:
-            Full: if items wait to be read, as many as the operator's ``output_len``.
-            Closed: if the operator takes no more messages.
+            Full: if as many items wait to be read as the operator's ``output_len``.
+            Closed: if the operator accepts no more messages.
         """
         return self._call(self._write(message, lineage))
 
@@ -116,7 +116,7 @@ class BlockingOperator(Generic[M, V]):
             yield item
 
     def close(self) -> None:
-        """Takes no more messages; the items end once all messages are answered."""
+        """Accepts no more messages. The items end once all messages are answered."""
         self._call(self._close())
 
     async def _write(self, message: M, lineage: Lineage | None) -> int:

@@ -1,4 +1,4 @@
-"""Defines what the package raises."""
+"""Defines the exceptions of the package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class TimeError(Error, ValueError, OverflowError):
 
 
 class DeadlineError(Error, ValueError):
-    """Refuses a figure of which no policy of deadlines can be made."""
+    """Refuses a figure with which no deadline policy can be made."""
 
 
 class ReadError(Error, ValueError):
@@ -38,7 +38,7 @@ class ReadError(Error, ValueError):
         self.line = line
         #: The byte of the line, counted from 1.
         self.column = column
-        #: What is wrong.
+        #: The error, in a few words.
         self.defect = defect
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ class Full(Error):
 
 
 class Closed(Error):
-    """Refuses a message because the operator or the input takes no more."""
+    """Refuses a message because the operator or the input accepts no more."""
 
 
 class TraceError(Error, OSError):
@@ -58,7 +58,7 @@ class TraceError(Error, OSError):
 
 
 class CallError(Error):
-    """Says in a few plain words why a call to a cloud failed."""
+    """Describes in a few plain words why a call to a cloud failed."""
 
 
 #: How many characters of what an exception says are looked at.

@@ -1,4 +1,4 @@
-"""Defines what goes into calls and what leaves an operator."""
+"""Defines the arguments of calls, and the items that an operator sends."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ _Fields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
 
 
 class Ending(Enum):
-    """Says how a message was answered. Preliminary and final occur under progressive alone."""
+    """Says how a message was answered. Preliminary and final occur only under progressive."""
 
     #: The best result so far was sent; a better one may follow (F9).
     PRELIMINARY = "preliminary"
     #: The best available result was sent (F7, P3).
     FORWARDED = "forwarded"
-    #: No better result came than the one that was sent before, which is the last (F9).
+    #: No better result came, so the result that was sent before is the last (F9).
     FINAL = "final"
     #: No result came and none will (F6).
     MISSED = "missed"
-    #: The message was not taken on, and nothing was computed for it (F1).
+    #: The message was not accepted, and nothing was computed for it (F1).
     REFUSED = "refused"
 
 
 class Trigger(Enum):
     """Says what caused a result to be sent."""
 
-    #: F3: it arrived, and nothing better was still to come.
+    #: It arrived, and no better result was pending (F3).
     ARRIVAL = "arrival"
-    #: F4: it was held, and what it waited for failed.
+    #: It was held, and the source that it waited for failed (F4).
     FAILURE = "failure"
-    #: F5: it was held, and a timer fired.
+    #: It was held, and a timer fired (F5).
     TIMER = "timer"
 
 
@@ -73,7 +73,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Lineage:
-    """Says what a message comes from; operators pass it on from the sensor to the last output.
+    """Names the origin of a message. Operators pass it on from the sensor to the last output.
 
     >>> import time
     >>> Lineage("camera/front", 41, captured=time.monotonic_ns(), within=0.5).seq
@@ -82,16 +82,16 @@ class Lineage:
 
     #: The sensor's stream.
     origin: str | None = None
-    #: The message's timestamp there; none without an origin.
+    #: The message's timestamp in that stream; None without an origin.
     seq: int | None = None
-    #: When the sensor captured it, by the operators' clock in nanoseconds: ``time.monotonic_ns()``,
-    #: unless they were given another.
+    #: The instant of the capture in nanoseconds of the operators' clock: ``time.monotonic_ns()``,
+    #: unless they were given another clock.
     captured: int | None = None
-    #: By when after the capture the last operator's output is due. Each operator's deadlines end
-    #: with it (E3); traces have it, where it is judged (J2). If the capture is unknown, each
-    #: operator counts from when it takes the message in.
+    #: The time after the capture at which the last operator's output is due. Each operator's
+    #: deadlines end with it (E3), and traces have it, so that it can be judged (J2). If the capture
+    #: is unknown, each operator counts from the message's acceptance.
     within: Duration | None = None
-    #: The inputs of joins on the way that nothing came from.
+    #: The inputs of joins on the way from which nothing came.
     missing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -149,19 +149,19 @@ def fields_of(lineage: Lineage | None) -> _Fields | None:
 
 @dataclass(frozen=True, slots=True)
 class StampedValue(Generic[V]):
-    """Holds a value whose source says of which message it is (D2) and for which it is meant (D18).
+    """Holds a value, the message it was computed from (D2), and the one it is meant for (D18).
 
-    A response handler may return it. A value of another message than its cloud's ``max_age`` allows
-    is a failure, and so is a value that is meant for another message.
+    A response handler may return it. A value of a message that the cloud's ``max_age`` does not
+    allow is a failure, and so is a value that is meant for another message.
     """
 
     #: The value.
     value: V
-    #: The timestamp of the message that it is of, as the reply says; of several, the oldest's.
-    #: Never copied from the call.
+    #: The timestamp of the message that the value was computed from, as the reply says; if there
+    #: are several, the oldest. Never copy it from the call.
     of: int | None
-    #: The timestamp of the message that it is meant for, as the reply says: of a chunk of actions,
-    #: the action's tick.
+    #: The timestamp of the message that the value is meant for, as the reply says; for a chunk of
+    #: actions, the action's tick.
     meant_for: int | None = None
 
     def __post_init__(self) -> None:
@@ -173,15 +173,15 @@ class StampedValue(Generic[V]):
 
 @dataclass(frozen=True, slots=True, init=False)
 class Call:
-    """Tells a handle about the call that it makes."""
+    """Describes one call to the handle that makes it."""
 
     #: The message's timestamp.
     timestamp: int
-    #: The seconds that are left: without what was spent in the queue, with the time to linger.
+    #: The seconds that are left: the deadline, less the time in the queue, plus the time to linger.
     deadline: float
-    #: What the message comes from, if it was written with that.
+    #: The lineage of the message, if it was written with one.
     lineage: Lineage | None = None
-    #: The seconds from the capture to the begin of the call, if they are known.
+    #: The seconds from the capture to the start of the call, if they are known.
     age: float | None = None
 
     def __init__(
@@ -204,18 +204,18 @@ _set_timestamp, _set_deadline, _set_lineage, _set_age = (
 
 
 class CurrentDeadline(NamedTuple):
-    """Holds a cloud's deadline, and says what chose it."""
+    """Holds a cloud's deadline and the reason for it."""
 
     #: The deadline.
     deadline: ns
-    #: ``offered`` without a policy, else the policy's reason in a word; of a guard its case:
+    #: ``offered`` without a policy, and otherwise the policy's reason. For a guard it is the case:
     #: ``local-stops``, ``cloud-alone`` or ``unsure``.
     why: str
 
 
 @dataclass(slots=True)
 class Item(Generic[V]):
-    """Says what became of one message. Every message written leads to exactly one item.
+    """Reports what became of one message. Every message written leads to exactly one item.
 
     Under progressive a message leads to one or more items. Each is better than the one before, and
     exactly one is the ``last``. Items come in the order of decisions, so an item of an old message
@@ -231,43 +231,43 @@ class Item(Generic[V]):
 
     #: The message's timestamp: its place among the messages, from 0.
     timestamp: int
-    #: When the message was taken in.
+    #: The instant when the message was accepted.
     opened: int
-    #: When it was decided.
+    #: The instant of the decision.
     decided: int
-    #: How it left.
+    #: How the message was answered.
     ending: Ending
-    #: The result that is sent with it, or else the `substitute`.
+    #: The result that is sent, or otherwise the `substitute`.
     value: V | None = None
-    #: Whose result it is; of a final one, whose was sent before.
+    #: The source of the result; for a final item, the source of the result that was sent before.
     source: Source | None = None
-    #: When the result arrived; earlier than the decision if it was held.
+    #: The instant when the result arrived; earlier than the decision if it was held.
     arrived: int | None = None
-    #: What made the result go, if it was forwarded.
+    #: The event that caused the result to be sent, if it was forwarded.
     trigger: Trigger | None = None
     #: Why the message was refused, if it was.
     refusal: OpenRefusal | None = None
     #: The sources whose failure was accepted by then (F4).
     failures: list[Failure] = field(default_factory=list)
-    #: How many items of its message were made before it: 0, unless the rule is progressive.
+    #: The number of earlier items of its message: 0, unless the rule is progressive.
     revision: int = 0
-    #: What the message comes from, as it was written with it.
+    #: The lineage with which the message was written.
     lineage: Lineage | None = None
-    #: The seconds from the capture to the decision, if they are known: of the message that the
-    #: value is ``of``, if that is an earlier one.
+    #: The seconds from the capture to the decision, if they are known. If the value is ``of`` an
+    #: earlier message, that message's capture counts.
     age: float | None = None
-    #: Of which message the value is, if its source said so: of this one, or of one before it that
-    #: is no older than the cloud's ``max_age`` allows (D2).
+    #: The timestamp of the message that the value was computed from, if its source named it: this
+    #: message, or an earlier one that the cloud's ``max_age`` allows (D2).
     of: int | None = None
-    #: What the operator's handler gave for a message that was missed or refused (E4). The ending
-    #: stays as it is, and the age is unknown (E7).
+    #: The value that the operator's handler returned for a message that was missed or refused (E4).
+    #: It does not change the ending, and its age is unknown (E7).
     substitute: V | None = None
     #: The message itself, if the operator was made with ``carry_messages``.
     message: Any = None
 
     @property
     def last(self) -> bool:
-        """Tells whether no other item of its message follows."""
+        """Returns True if no other item of its message follows."""
         return self.ending is not Ending.PRELIMINARY
 
     def _takes_the_place_of(self, earlier: Item[V]) -> None:
@@ -281,5 +281,5 @@ class Item(Generic[V]):
 
     @property
     def latency(self) -> float:
-        """Returns the seconds from taking the message in to the decision."""
+        """Returns the seconds from the message's acceptance to the decision."""
         return (self.decided - self.opened) / 1e9

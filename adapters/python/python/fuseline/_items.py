@@ -1,4 +1,4 @@
-"""Reads an operator's items or a join's sets: by several readers, and in order (E9)."""
+"""Reads an operator's items or a join's sets, with several readers or in order (E9)."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ V = TypeVar("V")
 
 @dataclass(frozen=True)
 class OutOfOrder:
-    """Reports what a reader in order leaves out."""
+    """Reports items that a reader in order passes over or drops."""
 
-    #: These timestamps had not ended when a later one was due; none for an item that was late.
+    #: The timestamps that had not ended when a later one was due; empty for a late item.
     passed_over: range | None
-    #: An item of this timestamp, which had been passed over, was dropped.
+    #: The timestamp of an item that was dropped, because the timestamp had been passed over.
     late: int | None
 
 
 class Items(Generic[T]):
-    """Reads an operator's items, or a join's sets; `new_reader` shares them.
+    """Reads an operator's items, or a join's sets. `new_reader` shares them.
 
-    A reader that lags by ``output_len`` holds the others back, and the operator with them. A reader
-    that nobody refers to any more holds nobody back.
+    A reader that lags by ``output_len`` blocks the others, and the operator with them. A reader to
+    which no reference is left blocks nobody.
 
     >>> import asyncio
     >>> from fuseline import Operator
@@ -62,7 +62,7 @@ class Items(Generic[T]):
         self._shared.add(self)
 
     def new_reader(self) -> Items[T]:
-        """Returns another reader, for all that comes from now on."""
+        """Returns another reader, for everything that comes from now on."""
         reader: Items[T] = object.__new__(Items)
         reader._shared, reader._waiting = self._shared, deque()
         self._shared.add(reader)
@@ -72,7 +72,7 @@ class Items(Generic[T]):
         return self
 
     async def __anext__(self) -> T:
-        """Returns the next item or set; ends once no more come."""
+        """Returns the next item or set. Ends after the last one."""
         while not self._waiting:
             await self._shared.pull(self._waiting)
         message = self._waiting.popleft()
@@ -80,7 +80,7 @@ class Items(Generic[T]):
         return message
 
     async def read(self) -> T | None:
-        """Returns the next item or set, or None once no more come."""
+        """Returns the next item or set, or None after the last one."""
         try:
             return await self.__anext__()
         except StopAsyncIteration:
@@ -94,13 +94,14 @@ class Items(Generic[T]):
         *,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> Items[Item[V]]:
-        """Returns this reader in the order of timestamps. Call it before anything was read.
+        """Returns this reader in the order of timestamps. Call it before the first read.
 
         Args:
-            wait: How long an item waits for those of earlier messages; at most 1,024 wait. Then
-                what is not there is passed over.
-            reserve: It waits no longer than until this is left of its end-to-end deadline.
-            report: Called with what is passed over, and with what comes of it later.
+            wait: The time that an item waits for the items of earlier messages. At most 1,024 items
+                wait. Then the missing timestamps are passed over.
+            reserve: An item waits no longer than until this is left of its end-to-end deadline.
+            report: Called with the timestamps that are passed over, and with each item that comes
+                for one of them later.
             clock: The operators' clock.
         """
         check_clock(clock)
@@ -111,10 +112,10 @@ class Items(Generic[T]):
         return Items(ordered, output_len=self._shared.capacity)
 
     def last_only(self: Items[Item[V]]) -> Items[Item[V]]:
-        """Returns this reader for the last items alone: one for each message.
+        """Returns this reader without preliminary items: one item for each message.
 
-        Each has its message's best value, also if that was preliminary. A value that was read
-        before is not given again: then its message's last item is final, without a value.
+        Each item has its message's best value, even if that value was preliminary. A value that was
+        read before is not returned again; the message's last item is then final and has no value.
         """
         return Items(_last_only(self), output_len=self._shared.capacity)
 

@@ -1,4 +1,4 @@
-"""Joins several streams, aligned by what their messages come from (E5, E6, E7)."""
+"""Joins several streams, aligned by the origin of their messages (E5, E6, E7)."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ HANDOVER = 1.0
 class JoinCause(Enum):
     """Says why a set was given."""
 
-    #: Each input that has not ended is there.
+    #: Each input that has not ended has a message in the set.
     COMPLETE = "complete"
-    #: Its wait or the end-to-end deadline of a message was over.
+    #: The set's wait, or the end-to-end deadline of one of its messages, ended.
     DUE = "due"
-    #: There was no room for a new one.
+    #: There was no room for a new set.
     FULL = "full"
 
 
@@ -68,16 +68,16 @@ class JoinDropReason(Enum):
 class Joined:
     """Holds a set of messages that come from one origin."""
 
-    #: What its messages have in common: the origin's timestamp, if nothing else was said.
+    #: The key that its messages share: the origin's timestamp by default.
     key: int
     #: The messages, by input.
     set: dict[str, Any]
-    #: The inputs that nothing came from.
+    #: The inputs from which nothing came.
     missing: list[str]
     #: Why it was given.
     cause: JoinCause
-    #: That of the first input that is there, with the oldest capture and the earliest end-to-end
-    #: deadline of all. If one capture is unknown, the set's is.
+    #: The lineage of the first input that is present, with the oldest capture and the earliest
+    #: end-to-end deadline of all. If one capture is unknown, the set's capture is unknown.
     lineage: Lineage | None
 
 
@@ -87,14 +87,14 @@ class JoinDrop:
 
     #: The input.
     input: str
-    #: What it would have been joined by.
+    #: The key by which it would have been joined.
     key: int | None
     #: Why not.
     why: JoinDropReason
 
 
 class JoinInput(Generic[T]):
-    """Takes the messages of one input; `Join.aligned` and `Join.latest` make it."""
+    """Accepts the messages of one input. `Join.aligned` and `Join.latest` make it."""
 
     def __init__(
         self,
@@ -113,14 +113,14 @@ class JoinInput(Generic[T]):
     def write(self, message: T, lineage: Lineage | None = None) -> None:
         """Writes a message. In another thread it waits until the loop takes it.
 
-        A message is copied as `Operator` copies those that are written to it.
+        A message is copied as `Operator` copies its messages.
 
         Raises:
-            Full: if the reader of the sets lags by ``output_len``, or the loop is held up for a
-                second: the message was not taken.
-            Closed: if the input takes no more messages.
-            TimeError: if the lineage's capture is to come, by more than a second: it is of another
-                clock, and the message was not taken.
+            Full: if the reader of the sets lags by ``output_len``, or the loop is blocked for a
+                second. The message is not accepted.
+            Closed: if the input accepts no more messages.
+            TimeError: if the lineage's capture lies more than a second in the future, because it
+                was then read from another clock. The message is not accepted.
         """
         message = snapshot(message)
         self._join._in_loop(lambda: self._join._written(self, message, lineage))
@@ -140,20 +140,22 @@ class JoinInput(Generic[T]):
 
 
 class Join:
-    """Puts messages of several inputs that come from one origin timestamp into one set.
+    """Collects the messages of several inputs that come from one origin timestamp in a set.
 
     A set is given when each aligned input that has not ended has a message in it, or when the set
-    is due; then it names the inputs that are missing. No second set has the same key. Use the join
-    as a context manager, in the operators' loop; at the end of the block its inputs are closed.
+    is due. A set that is due names the inputs that are missing. No second set has the same key. Use
+    the join as a context manager, in the operators' loop. At the end of the block its inputs are
+    closed.
 
     Args:
         name: Its name in logs.
-        wait: How long a set waits after its first message.
-        window: How many sets may wait; for one more the oldest is given as it is.
-        reserve: How long the operators downstream take: a set is given when so much is left of an
-            end-to-end deadline.
-        output_len: How many sets the reader may lag behind; while it lags further, no message is
-            taken in.
+        wait: The time that a set waits after its first message.
+        window: The number of sets that may wait. If another one begins, the oldest is given
+            incomplete.
+        reserve: The latency of the operators downstream. A set is given at the latest when only
+            this time is left of an end-to-end deadline.
+        output_len: The number of sets that the reader may lag behind. While it lags further behind,
+            no message is accepted.
         clock: The operators' clock.
 
     >>> import asyncio
@@ -214,7 +216,8 @@ class Join:
 
         Args:
             name: The input's name in sets, counts and logs.
-            key: Gets a message and its lineage, and returns what it is joined by: an int or None.
+            key: Gets a message and its lineage, and returns the key by which it is joined: an int
+                or None.
 
         Raises:
             ConfigError: if the join has started, or another input has the name.
@@ -226,8 +229,8 @@ class Join:
     def items(self, name: str, items: AsyncIterator[Item[Any]]) -> None:
         """Adds an operator's output as an input, aligned by the timestamp of its origin.
 
-        A set holds the `Item`, also of a message that was missed. If a message has several items,
-        the set holds the last one with a value, or the last so far when the set is due.
+        A set holds the `Item`, even for a message that was missed. If a message has several items,
+        the set holds the last one with a value, or the last one so far if the set is due.
         """
         self._sources.append((self.aligned(name), items))
 
@@ -246,10 +249,11 @@ class Join:
         return latest
 
     def origin_of(self, latest: str) -> None:
-        """Makes sets be of the message of this latest-value input, where it is there.
+        """Declares that sets belong to the message of this latest-value input, if present.
 
         A set's lineage then has that message's origin and capture, and the end-to-end deadline of
-        the aligned inputs. So an action of control is of the frame behind its plan, and as old.
+        the aligned inputs. So a control command belongs to the frame behind its plan, and is as old
+        as that frame.
 
         Raises:
             ConfigError: if no latest-value input has this name.
@@ -261,7 +265,7 @@ class Join:
         self._origin = latest
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
-        """Sets the function that is called with each message that is dropped; it must not block."""
+        """Sets the function that is called with each dropped message. It must not block."""
         check_function(on_drop, "what is called on drops")
         self._on_drop = on_drop
 
@@ -302,7 +306,7 @@ class Join:
         return self
 
     async def __anext__(self) -> Joined:
-        """Returns the next set; ends once the aligned inputs have and every set was given."""
+        """Returns the next set. Ends once the aligned inputs have ended and all sets were given."""
         while not self._sets:
             if self._running.is_over:
                 raise StopAsyncIteration
@@ -313,7 +317,7 @@ class Join:
         return joined
 
     async def read(self) -> Joined | None:
-        """Returns the next set, or None once no more come."""
+        """Returns the next set, or None after the last one."""
         with contextlib.suppress(StopAsyncIteration):
             return await self.__anext__()
         return None

@@ -23,10 +23,10 @@ _log = logging.getLogger("fuseline")
 
 
 class Local(Generic[M, V]):
-    """Says how each message is computed on board.
+    """Describes how messages are computed on board.
 
-    Make one with `task`, `threads`, `threads_of` or `processes`. A computation is never aborted by
-    a decision (F7): it may keep state. An exception is a failure (F4).
+    Make one with `task`, `threads`, `threads_of` or `processes`. No decision aborts a computation
+    (F7), because it may keep state. An exception is a failure (F4).
     """
 
     def __init__(
@@ -82,18 +82,19 @@ class Local(Generic[M, V]):
 
         Args:
             compute: Takes a message and its timestamp.
-            at_once: How many computations may run at once.
-            deadline: How long one may take (F1): seconds as a float, a timedelta, or nanoseconds as
-                `fuseline.ns`. With None, a message whose computation never ends stays open. A
-                computation that runs for longer is logged and counted as lost, and it occupies its
-                place until it ends.
-            waiting: How many messages may wait for a computation, by default as many as the window
-                holds; for one more, local fails for the oldest, which only clouds can answer (D17).
-            skip_answered: Whether a computation that has not begun is skipped once its message is
+            at_once: The greatest number of computations at once.
+            deadline: The time that one computation may take (F1): seconds as a float, a timedelta,
+                or nanoseconds as `fuseline.ns`. With None, a message whose computation never ends
+                stays open. A computation that runs for longer is logged and counted as lost, and it
+                occupies its place until it ends.
+            waiting: The number of messages that may wait for a computation; by default as many as
+                the window. Beyond that, local fails for the oldest, which only clouds can then
+                answer (D17).
+            skip_answered: If True, a computation that has not begun is skipped once its message is
                 answered.
-            may_lose_results: Whether a result can be lost on its way, as over a topic. If so, a
-                computation that has not ended within the deadline counts as lost, and its place is
-                free again; otherwise it occupies its place until it ends.
+            may_lose_results: True if a result can be lost on its way, as over a topic. A
+                computation that has not ended within the deadline then counts as lost, and its
+                place is free again. Otherwise it occupies its place until it ends.
 
         >>> import asyncio
         >>> async def double(number, timestamp):
@@ -176,8 +177,8 @@ class Local(Generic[M, V]):
     ) -> Local[M, V]:
         """Computes with a plain function in processes of the operator's own.
 
-        The function, messages and results go there and back by pickle. The processes are started
-        with the operator; when one dies, what it was computing fails, and another takes over. One
+        The function, the messages and the results are pickled. The processes start with the
+        operator. If one dies, its computation fails, and a new process takes its place. A process
         that still computes a second after the operator has ended is killed. The arguments are as
         for `task`; `workers` computations run at once.
 

@@ -64,11 +64,11 @@ _running_loop = asyncio._get_running_loop
 class Operator(Setup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
-    Each message written leads to exactly one `Item`; under progressive it leads to one or more,
-    and the last one is marked. Use the operator as a context manager, in one event loop. At the end
-    of the block it takes no more messages and waits until all are answered; after an exception it
-    `stop`s. It waits at most a second for calls that go on although they were cancelled, and logs
-    how many are left.
+    Each message written leads to exactly one `Item`; under progressive it leads to one or more, and
+    the last one is marked. Use the operator as a context manager, in one event loop. At the end of
+    the block it accepts no more messages and waits until all are answered; after an exception it
+    `stop`s. It waits at most a second for calls that continue although they were cancelled, and
+    logs how many are left.
 
     Its methods belong to the thread of its loop, except `write_threadsafe`. In another thread they
     raise a RuntimeError.
@@ -77,25 +77,28 @@ class Operator(Setup[M, V], Generic[M, V]):
         local: Computes each message on board: a `Local`, an ``async def`` of a message and its
             timestamp, or a plain function of them, which runs in a thread of its own.
         name: The operator's name in logs and traces.
-        window: How many messages may be open at once, 1 to 1024; one more is refused ``full`` (F1).
-        commit: When a result is sent although a better one is pending (F6, F9).
-        output_len: How many items the reader may lag behind. While it lags further, no message is
-            taken in, and open messages go on. The reader is given the newest item of a message.
-        trace: The file that the run is recorded to; it is overwritten. Each operator has its own.
-        clock: Reads whole nanoseconds that never go back.
-        lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
-            before it is counted and logged as a warning.
-        greatest_deadline: The longest deadline of a request or of local, and the most that a policy
-            may choose. A longer one, such as milliseconds read as seconds, is refused: of local
-            with a ConfigError, of an offer as ``deadline``, with a warning at the first.
-        reserve: How long the operators downstream take; that much of an end-to-end deadline is kept
-            for them (E3).
-        latency: Records how long this operator takes, for the reserve of those upstream.
-        carry_messages: Whether each item carries its message, as ``item.message``.
-        copy_messages: Whether each message is copied when it is written, and each result of local.
-            Then a buffer that is used again changes no message that waits. Arrays, Python's
-            containers, dataclasses and what they hold are copied. An object of another class is
-            shared and must not be changed. False saves the copies where nobody changes anything.
+        window: The greatest number of messages that may be open at once, 1 to 1024. A further
+            message is refused as ``full`` (F1).
+        commit: Decides when a result is sent although a better one is pending (F6, F9).
+        output_len: The number of items that the reader may lag behind. While it lags further
+            behind, the operator accepts no message, and finishes those that are open. The reader
+            gets the newest item of a message.
+        trace: The file that the run is recorded to. An existing file is overwritten, and each
+            operator needs its own.
+        clock: Returns whole nanoseconds that never go back.
+        lag_warning: The greatest delay of a timer, and the longest time that a handler may block
+            the loop, that is not counted and logged as a warning.
+        greatest_deadline: The longest deadline of a request or of local, and the greatest that a
+            policy may choose. A longer one, such as milliseconds read as seconds, is refused:
+            local's with a ConfigError, an offer's as ``deadline``, with a warning for the first.
+        reserve: The latencies of the operators downstream. That part of an end-to-end deadline is
+            kept for them (E3).
+        latency: Records how long this operator takes, for the reserve of the operators upstream.
+        carry_messages: If True, each item carries its message, as ``item.message``.
+        copy_messages: If True, each message is copied when it is written, and so is each result of
+            local. A buffer that is used again then changes no waiting message. Arrays, Python's
+            containers, dataclasses and their contents are copied. An object of another class is
+            shared, so do not change it. False saves the copies if nobody changes anything.
 
     Raises:
         ConfigError: if an argument is of the wrong kind or out of its range. The start raises it if
@@ -280,17 +283,18 @@ class Operator(Setup[M, V], Generic[M, V]):
     # Messages.
 
     def write(self, message: M, lineage: Lineage | None = None) -> int:
-        """Takes a message in, and returns its timestamp. It never waits.
+        """Accepts a message, and returns its timestamp. It never waits.
 
         Args:
             message: The message.
-            lineage: What it comes from: a `Lineage`, or that of another operator's item.
+            lineage: The origin of the message: a `Lineage`, or the lineage of another operator's
+                item.
 
         Raises:
-            Full: if the reader of the items lags by ``output_len``: the message was not taken.
+            Full: if the reader of the items lags by ``output_len``. The message is not accepted.
             Closed: if the operator takes no more messages.
-            TimeError: if the lineage's capture is to come, by more than a second: it is of another
-                clock, and the message was not taken.
+            TimeError: if the lineage's capture lies more than a second in the future, because it
+                was then read from another clock. The message is not accepted.
             RuntimeError: in another thread than the loop's: use `write_threadsafe` there.
         """
         driver, home = self._driver, self._home
@@ -328,15 +332,17 @@ class Operator(Setup[M, V], Generic[M, V]):
     def write_threadsafe(self, message: M, lineage: Lineage | None = None) -> Future[int]:
         """Writes a message from any thread, such as a camera's callback; it never waits.
 
-        The message is taken in when the loop has its next turn. At most ``window`` messages may be
+        The message is accepted when the loop has its next turn. At most ``window`` messages may be
         on their way.
 
         Returns:
-            A future of the message's timestamp, or of what `write` raises. If nobody looks, it is
-            counted all the same, as ``counts[name, "message", "not taken"]``, and logged.
+            A future of the message's timestamp, or of the exception that `write` raises. An
+            exception that nobody retrieves is counted in ``counts[name, "message", "not taken"]``
+            and logged.
 
         Raises:
-            Full: if too many are on their way, since the loop is held up: it was not taken.
+            Full: if too many are on their way because the loop is blocked. The message is not
+                accepted.
             Closed: if the operator has ended.
         """
         if self._home.loop is None:
@@ -344,7 +350,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return self._arrivals.send(self._home.loop, message, lineage)
 
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
-        """Writes each message as soon as there is room, and returns how many it wrote.
+        """Writes each message as soon as there is room, and returns the number of messages.
 
         There is room while the reader of the items does not lag and the window is not full. An
         `Item` of another operator and a `Joined` set of a join pass their lineage on.
@@ -361,8 +367,8 @@ class Operator(Setup[M, V], Generic[M, V]):
 
         Several streams may be fed at once. If one ends in an exception, the operator is closed, and
         the exception is raised at the end of its block. If the block ends first, a list is fed to
-        its end as long as there is room for its items, and any other stream is cut off, which is
-        logged; it is an error if nobody has read an item by then.
+        its end as long as there is room for its items. Any other stream is cut off, which is
+        logged, and raises an error if nobody has read an item by then.
 
         Raises:
             Closed: if the operator takes no more messages.
@@ -378,7 +384,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         self._feeds.begin(messages)
 
     def close(self) -> None:
-        """Takes no more messages; the items end once all messages are answered."""
+        """Accepts no more messages. The items end once all messages are answered."""
         self._home.check("close", is_over=self._is_over)
         self._is_last = True
         if self._driver is not None:
@@ -387,10 +393,10 @@ class Operator(Setup[M, V], Generic[M, V]):
         self._end_if_idle()
 
     def stop(self) -> None:
-        """Ends at once: calls are aborted, open messages stay unanswered, and the items end.
+        """Ends the operator at once: aborts its calls, and leaves open messages unanswered.
 
-        Handlers and policies may call it too: the message or result that they are called about is
-        the last that happens.
+        Handlers and policies may call it too. The message or result for which they were called is
+        then the last one that is processed.
         """
         self._home.check("stop", is_over=self._is_over)
         self._is_stopped = self._is_stopped or not self._is_over
@@ -411,7 +417,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return self
 
     async def __anext__(self) -> Item[V]:
-        """Returns the next item; ends once no more messages come and all are answered."""
+        """Returns the next item. Ends once no more messages come and all are answered."""
         if self._driver is None or get_ident() != self._home.thread:
             self._running("read")
         output = self._output
@@ -441,7 +447,7 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
-        """Counts what happened so far, by source or operator, subject and outcome.
+        """Returns the counts so far, by source or operator, subject and outcome.
 
         For instance, ``counts["west", "result", "forwarded"]`` counts the outputs of ``west``.
 
@@ -468,12 +474,12 @@ class Operator(Setup[M, V], Generic[M, V]):
 
     @property
     def greatest_lag(self) -> float:
-        """Returns the most seconds that the loop was held up; 0 if never above ``lag_warning``."""
+        """Returns the longest block of the loop in seconds; 0 if none exceeded ``lag_warning``."""
         return 0.0 if self._driver is None else self._driver.counting.greatest_lag / 1e9
 
     @property
     def deadlines(self) -> dict[str, CurrentDeadline]:
-        """Returns the deadline of each cloud's latest offer and its reason, by the cloud's name."""
+        """Returns the latest deadline of each cloud and its reason, by the cloud's name."""
         if self._driver is None:
             return {}
         in_force = self._driver.counting.deadlines()

@@ -1,4 +1,4 @@
-"""Registers what an operator is made of, before it starts."""
+"""Registers the parts of an operator before it starts."""
 
 from __future__ import annotations
 
@@ -72,33 +72,33 @@ class Setup(Generic[M, V]):
             handle: Makes the call: an ``async def`` of a request and its `Call`. It runs in a task
                 on the loop, which it must not block. It is cancelled when its timer fires or a
                 better result is sent (F5, F7). An exception is a failure (F4).
-            message_handler: Gets each message that was accepted, and its timestamp. It returns the
-                request and how long the cloud may take, or None to make no request. It must not
-                block and is no ``async def``. If it raises, no request is made.
-            response_handler: Turns the response into the result, in the call's task; may be an
-                ``async def``. The result arrives when it is done. It returns a `StampedValue` if
-                the response says of which message it is.
-            encode: Turns what the message handler returns into the handle's request, in a thread,
-                as for JPEG. Clouds whose message handlers return the same object for the same
-                ``encode`` share one encoding.
-            priority: 1 to 65535, different for each cloud; the greater wins.
-            name: For people, counts and traces; no two clouds have one name. By default it is
-                ``cloud-`` and the priority.
-            limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
-                as ``calls`` (A15).
-            resume: The shut gate opens when this many or fewer wait.
-            calls: How many calls may be under way; further requests wait.
-            policy: Chooses how long each request may take, at most what the message handler says,
-                and learns how each ended: see `fuseline.deadline`. Each cloud needs a policy of its
-                own. A plain function of a `Situation` and the most will do.
-            linger: How long a call may run on after it was due, so that the policy learns how long
-                it really takes. Its result is still dropped (F3).
-            max_age: How many messages a `StampedValue` may be behind its message. An older value,
-                or one of a later message, is a failure (F4).
+            message_handler: Gets each accepted message and its timestamp. It returns the request
+                and the time that the cloud may take, or None to make no request. It must not block,
+                and cannot be an ``async def``. If it raises, no request is made.
+            response_handler: Turns the response into the result, in the call's task. It may be an
+                ``async def``. The result arrives when the handler returns. If the response names
+                the message that it was computed from, the handler returns a `StampedValue`.
+            encode: Turns the message handler's request into the handle's request, in a thread, such
+                as an image into JPEG. Clouds share one encoding if their message handlers return
+                the same object and they have the same ``encode``.
+            priority: The cloud's rank, 1 to 65535, different for each cloud. The greater one wins.
+            name: The cloud's own name in counts and traces; ``cloud-`` and the priority by default.
+            limit: The number of waiting requests at which the gate shuts (F2g); ``calls`` by
+                default (A15).
+            resume: The number of waiting requests at or below which the gate opens again.
+            calls: The greatest number of calls under way. Further requests wait.
+            policy: Chooses each request's deadline, at most the message handler's, and learns how
+                each request ended: see `fuseline.deadline`. Each cloud needs a policy of its own. A
+                plain function of a `Situation` and that greatest deadline also works.
+            linger: The time that a call may continue after its due instant, so that the policy
+                learns how long it really takes. Its result is still dropped (F3).
+            max_age: The number of messages by which a `StampedValue` may be older than its message.
+                An older value, or a value of a later message, is a failure (F4).
 
         Raises:
-            ConfigError: if the operator has started, or an argument is of the wrong kind: a class
-                for an instance, a handle that is not async, a number out of its range.
+            ConfigError: if the operator has started, or an argument is of the wrong kind, such as a
+                class instead of an instance, a handle that is not async, or a number out of its
+                range.
 
         >>> from fuseline import Operator
         >>> async def west(frame, call):
@@ -147,23 +147,23 @@ class Setup(Generic[M, V]):
         )
 
     def use_situation(self, situation: Callable[[M, int], Situation]) -> None:
-        """Sets the function that tells policies about the vehicle, above all its speed.
+        """Sets the function that gives policies the vehicle's situation, above all its speed.
 
         It is called with each message that is written and its timestamp, and returns a
-        `fuseline.deadline.Situation`. If it raises, or none is set, policies know nothing, and the
-        guard risks nothing.
+        `fuseline.deadline.Situation`. If it raises, or if no function is set, policies know
+        nothing, and the guard takes no risk.
 
         Raises:
-            ConfigError: if it is no plain function.
+            ConfigError: if it is not a plain function.
         """
         check_function(situation, "a situation's handler")
         self._situation = situation
 
     def use_substitute(self, substitute: Callable[[Item[V]], V | None]) -> None:
-        """Sets the function that gives a value for a message that is missed or refused (E4).
+        """Sets the function that returns a value for a message that is missed or refused (E4).
 
-        The value may be the last plan, or a stop. The item carries it as its value and as its
-        ``substitute``; the ending and the trace stay as they are. A message with an end-to-end
+        The value may be the last plan, or a stop. The item has it as its value and as its
+        ``substitute``. The ending and the trace do not change. A message with an end-to-end
         deadline is then missed early enough to leave the ``reserve`` to the operators downstream.
 
         Args:
@@ -209,17 +209,18 @@ class Setup(Generic[M, V]):
     ) -> None:
         """Registers side requests, whose answers help local with later messages.
 
-        An answer may be a plan for what may happen, for instance. No output waits for it, and it
-        becomes no output. Requests are gated and bounded as those of a cloud are.
+        An answer may be a plan for what may happen, for example. It never becomes an output, and no
+        output waits for it. Requests are gated and bounded like a cloud's.
 
         Args:
             handle: Makes the call: an ``async def`` of a request and its `Call`.
-            message_handler: Gets each message that was accepted, and returns the request and how
-                long it may take, or None.
+            message_handler: Gets each accepted message, and returns the request and the time that
+                it may take, or None to make no request.
             response_handler: Gets each answer that comes in time.
-            name: For people and counts; by default ``side-`` and its number, from 1.
-            limit: The gate shuts when this many requests wait to be sent (F2g).
-            resume: The shut gate opens when this many or fewer wait; less than ``limit``.
+            name: The name in counts; ``side-`` and a number from 1 by default.
+            limit: The number of waiting requests at which the gate shuts (F2g).
+            resume: The number of waiting requests at or below which the gate opens again; less than
+                ``limit``.
             calls: How many calls may be under way; further requests wait.
 
         Raises:

@@ -9,13 +9,14 @@ S = TypeVar("S")
 
 
 class CarriedState(Generic[S]):
-    """Holds the state from which an operator computes its next message; any thread may use it.
+    """Holds the state from which an operator computes its next message, for any thread.
 
-    Local begins with `current` and gives what comes of it to `computed`; a message handler sends
-    `current` along, and `Operator.use_state` takes over that of each result that is sent. The state
-    of the latest message is kept, and of one message that of the result that was sent: no state
-    goes back to an earlier message, and what was computed from an older state is not computed again
-    (A55). It is handed on as it is: make another for a message instead of changing it.
+    Local begins with `current` and passes the state after its computation to `computed`. A message
+    handler sends `current` along to the cloud, and `Operator.use_state` takes over the state of
+    each result that is sent. The state of the latest message is kept. Among the states of one
+    message, the state of the result that was sent is kept. The state never goes back to an earlier
+    message, and nothing is computed again because an older state was used (A55). States are not
+    copied, so make a new one for each message instead of changing it.
 
     >>> tracks = CarriedState(["a van"])
     >>> tracks.computed(0, ["a van", "a shadow"])  # local's
@@ -26,25 +27,25 @@ class CarriedState(Generic[S]):
 
     def __init__(self, state: S) -> None:
         self._state = state
-        #: Of which message it is, none being before all, and whether its result was sent.
+        #: The message of the state, None before the first, and whether its result was sent.
         self._of = (-1, False)
         self._lock = threading.Lock()
 
     def current(self) -> S:
-        """Returns the state to begin the next message with."""
+        """Returns the state with which to begin the next message."""
         with self._lock:
             return self._state
 
     def computed(self, timestamp: int, state: S) -> None:
-        """Takes the state that local computed for a message; its result may not be sent."""
+        """Notes the state that local computed for a message. Its result may not be sent."""
         self._replace((timestamp, False), state)
 
     def sent(self, timestamp: int, state: S) -> None:
-        """Takes the state of the result that was sent for a message."""
+        """Notes the state of the result that was sent for a message."""
         self._replace((timestamp, True), state)
 
     def _replace(self, of: tuple[int, bool], state: S) -> None:
         with self._lock:
-            # E10: the latest message's, and of one message that of the result that was sent.
+            # The latest message counts, and for one message the result that was sent (E10).
             if self._of <= of:
                 self._of, self._state = of, state

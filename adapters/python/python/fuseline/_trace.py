@@ -18,11 +18,11 @@ Point: TypeAlias = tuple[float, float]
 
 
 class Line(NamedTuple):
-    """Holds a line of a trace after its header; what the line does not have is None."""
+    """Holds a line of a trace after its header. A key that the line lacks is None."""
 
     #: The line's number, counted from 1; the header's is 1.
     line: int
-    #: What happened or was decided.
+    #: The kind of the line: an input or a decision.
     ev: str
     #: The instant, in nanoseconds.
     at: int
@@ -30,29 +30,29 @@ class Line(NamedTuple):
     t: int | None
     #: The source; 0 is local.
     p: int | None
-    #: How long a request or local may take, in nanoseconds.
+    #: The deadline of a request or of local, in nanoseconds.
     deadline: int | None
-    #: How many requests were queued.
+    #: The number of queued requests.
     backlog: int | None
     #: The due instant, in nanoseconds.
     due: int | None
-    #: Why it was refused or dropped.
+    #: The reason for a refusal or a drop.
     why: str | None
-    #: Of which message the value is.
+    #: The message that the value was computed from.
     of: int | None = None
-    #: For which message the value is meant, the key ``for``.
+    #: The message that the value is meant for, the key ``for``.
     meant_for: int | None = None
-    #: The number of the attempt that it is about, the key ``try``.
+    #: The number of the attempt, the key ``try``.
     attempt: int | None = None
     #: The message's own deadline, in nanoseconds.
     within: int | None = None
-    #: How long before it was opened the message was captured, in nanoseconds.
+    #: The message's age when it was opened, in nanoseconds.
     age: int | None = None
     #: The sensor's stream that the message comes from.
     origin: str | None = None
     #: The message's timestamp there.
     seq: int | None = None
-    #: The inputs of joins on its way that nothing came from.
+    #: The inputs of joins on the message's way from which nothing came.
     missing: list[str] | None = None
 
 
@@ -64,8 +64,7 @@ class Trace:
         name: Its name in errors; by default its path.
 
     Raises:
-        ReadError: if it cannot be read to its end. Whether it conforms is not looked at: that is
-            what `check` is for.
+        ReadError: if it cannot be read to its end. Use `check` to judge whether it conforms.
         OSError: if its file cannot be opened or read.
 
     >>> trace = Trace(b'''{"fuseline":1,"operator":"lane","window":16,"clouds":[]}
@@ -81,7 +80,7 @@ class Trace:
 
     def __init__(self, trace: Traced, *, name: str | None = None) -> None:
         file, header, rows = _fuseline.read(trace, name)
-        #: The name that it was given.
+        #: The trace's name.
         self.file = file
         #: The header, as JSON has it.
         self.header: dict[str, Any] = json.loads(header)
@@ -118,13 +117,13 @@ class Trace:
         return table([tuple(line) for line in self.lines], LINES)
 
     def timeline(self, ax: Axes | None = None) -> Axes:
-        """Draws whose result went out for each message, and what was waited for.
+        """Draws the source of each message's output, and the clouds that were awaited in vain.
 
-        Each message is a point, at how long it took, in the colour of the source whose result went.
-        A line below it is a cloud that was waited for in vain.
+        Each message is a point: its height is the time that it took, and its colour the source
+        whose result was sent. A line below it is a cloud that was awaited in vain.
 
         Args:
-            ax: Where to draw; by default a figure of its own.
+            ax: The axes to draw on; a new figure by default.
 
         Raises:
             ImportError: if matplotlib is not there: ``pip install fuseline[plot]``.

@@ -1,4 +1,4 @@
-"""Defines the machine's words: what goes into it and what it answers.
+"""Defines the machine's arguments and its answers.
 
 Each answer is a small immutable object, made to be matched:
 
@@ -33,11 +33,11 @@ class _Word(str, Enum):
 class Commit(_Word):
     """Says when a result is forwarded although a better one is pending (F6, F9)."""
 
-    #: With the first cloud's timer that fires.
+    #: As soon as any cloud's timer fires.
     EAGER = "eager"
-    #: When nothing better can come.
+    #: Once no better result can come.
     PATIENT = "patient"
-    #: At once if it is better than those before it; better ones may follow.
+    #: At once, if it is better than those before it. Better ones may follow.
     PROGRESSIVE = "progressive"
 
 
@@ -59,7 +59,7 @@ class OfferRefusal(_Word):
     UNKNOWN = "unknown"
     #: The timestamp is not open.
     CLOSED = "closed"
-    #: The cloud was asked for this timestamp before.
+    #: The cloud was already requested for this timestamp.
     DUPLICATE = "duplicate"
     #: An available result outranks whatever this cloud would return.
     OUTRANKED = "outranked"
@@ -72,12 +72,12 @@ class OfferRefusal(_Word):
 class DropReason(_Word):
     """Says why a result or failure was dropped; the first reason that holds (F3, F4)."""
 
-    #: No such source, or neither this timestamp nor a later one was ever opened.
+    #: No such source is registered, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
-    #: The timestamp is not open: forwarded, missed, or skipped; under progressive also if the last
-    #: output outranks it.
+    #: The timestamp is not open: it was forwarded, missed or skipped. Under progressive this also
+    #: means that the last output outranks the source.
     SUPERSEDED = "superseded"
-    #: The source was not asked for this timestamp.
+    #: The source was not requested for this timestamp.
     UNSOLICITED = "unsolicited"
     #: The source's result is available already.
     DUPLICATE = "duplicate"
@@ -89,11 +89,12 @@ class DropReason(_Word):
 class Cloud:
     """Configures one cloud of a machine."""
 
-    #: The priority, 1 to 65535; no two clouds have the same, and the greater wins.
+    #: The priority, 1 to 65535, different for each cloud. The greater one wins.
     p: int
-    #: The gate shuts at this many queued requests; at least 1 (F2g).
+    #: The number of queued requests at which the gate shuts; at least 1 (F2g).
     limit: int = 31
-    #: The shut gate opens at this many or fewer; less than the limit, by default one less.
+    #: The number of queued requests at or below which the gate opens again; less than the limit, by
+    #: default one less.
     resume: int | None = None
     #: For people.
     name: str | None = None
@@ -105,12 +106,12 @@ W = TypeVar("W", OpenRefusal, OfferRefusal)
 class ns(int):  # noqa: N801 - it stands where a unit stands
     """Holds a duration in whole nanoseconds, exact from 0 to 2**64 - 1.
 
-    Where a duration goes in, a plain int is refused: it could be meant as seconds. What is reckoned
-    from one, such as half of it, is a plain int again.
+    Arguments that are durations refuse a plain int, because it could be meant as seconds.
+    Arithmetic on this type, such as halving it, returns a plain int.
 
     Raises:
-        TypeError: for what is no whole number, such as ``ns(0.5)``.
-        TimeError: for what is out of that range, such as ``ns(-1)``.
+        TypeError: if the number is not whole, such as ``ns(0.5)``.
+        TimeError: if the number is out of that range, such as ``ns(-1)``.
 
     >>> from fuseline import nanoseconds
     >>> nanoseconds(0.5)
@@ -175,7 +176,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Waiting:
-    """Says that the failure or the timers were taken in; the timestamp stays open (F6)."""
+    """Says that the failure or the timers were accepted, and the timestamp stays open (F6)."""
 
 
 @dataclass(frozen=True)
@@ -184,13 +185,13 @@ class Preliminary:
 
     #: Whose result it is; 0 is local's.
     by: int
-    #: The clouds still pending that it outranks, in ascending order: their calls may be aborted.
+    #: The pending clouds that the result outranks, in ascending order. Their calls may be aborted.
     cancelled: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class Final:
-    """Says that the result sent last is the best there is; the timestamp is retired (F9)."""
+    """Says that the result sent last is the final one, and the timestamp is retired (F9)."""
 
     #: Whose result it is; 0 is local's.
     by: int
@@ -202,7 +203,7 @@ class Forwarded:
 
     #: Whose result it is; 0 is local's.
     by: int
-    #: The clouds still pending, in ascending order: their calls may be aborted.
+    #: The clouds still pending, in ascending order. Their calls may be aborted.
     cancelled: tuple[int, ...]
 
 

@@ -1,9 +1,9 @@
-"""The machine as `fuseline drive` asks for it: a line in, its decisions out.
+"""Answers `fuseline drive`: reads an input line, and writes the machine's decisions.
 
     fuseline drive -- python -m fuseline.arbiter
 
-It is also the shortest example of a driver over `Fusion`: every line that it writes is made from
-the machine's typed answers.
+It is also the shortest example of a driver for `Fusion`, because it makes every line from the
+machine's typed answers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Decision = dict[str, Any]
 
 
 def decisions(fusion: Fusion, event: dict[str, Any]) -> Iterator[Decision]:
-    """Give an input to the machine, and yield what it decided, in order."""
+    """Applies an input to the machine, and yields the decisions in order."""
     fired, answer = _apply(fusion, event)
     now = fusion.now
     for firing in fired:
@@ -46,7 +46,7 @@ def decisions(fusion: Fusion, event: dict[str, Any]) -> Iterator[Decision]:
     about: dict[str, int] = {key: event[key] for key in ("t", "p") if key in event}
     yield from _decisions_of(answer, now, about)
     if isinstance(answer, Forwarded) and fusion.commit == "progressive":
-        # F9: an output that retires its timestamp is followed by its end.
+        # An output that retires its timestamp is followed by its end (F9).
         yield {"ev": "final", "at": now, "t": about["t"], "p": answer.by}
 
 
@@ -92,7 +92,7 @@ def _decisions_of(
 
 
 def serve(lines: IO[bytes], out: IO[bytes]) -> None:
-    """Answer each line: a header starts afresh, an input is decided about, then ``done``."""
+    """Answers each line: a header makes a new machine, an input leads to decisions and ``done``."""
     fusion: Fusion | None = None
     for line in lines:
         event = json.loads(line)
@@ -101,7 +101,7 @@ def serve(lines: IO[bytes], out: IO[bytes]) -> None:
             fusion = Fusion.from_header(line)
         elif fusion is not None:
             decided = list(decisions(fusion, event))
-        # Whoever asks waits for the whole answer: flush it.
+        # The other side waits for the whole answer, so flush it.
         out.write("\n".join([*map(json.dumps, decided), '{"ev":"done"}\n']).encode())
         out.flush()
 

@@ -1,8 +1,8 @@
 """Adds clouds to a dataflow of dora: the node forwards values unread, as the ROS 2 node does.
 
-What read ``camera/image`` so far reads ``fusion/local_request``, and in each cloud
-``fusion/west_request``. With its result it sends the metadata of what it read, as dora's services
-do: the ``request_id`` in it says which request a result is for.
+A detector that read ``camera/image`` now reads ``fusion/local_request``, and its copy in the cloud
+reads ``fusion/west_request``. It sends its result with the metadata of the message that it read, as
+dora's services do. The ``request_id`` in the metadata matches the result to its request.
 
     - id: fusion
       path: python
@@ -14,10 +14,10 @@ do: the ``request_id`` in it says which request a result is for.
         east_result: east/objects
       outputs: [output, missed, local_request, west_request, east_request]
 
-Of each input there is one ``output``, with the input's metadata and the ``fuseline.source``, or one
-``missed``, with the ``fuseline.why``. Where a result's input is closed, its source fails at once
-until it is back. The node ends when ``input`` is closed or the dataflow is stopped, once all is
-answered.
+Each input leads to one ``output``, with the input's metadata and the ``fuseline.source``, or to one
+``missed``, with the ``fuseline.why``. While the input for a source's results is closed, that source
+fails at once. The node answers all messages and ends when ``input`` is closed or the dataflow is
+stopped.
 """
 
 from __future__ import annotations
@@ -49,30 +49,30 @@ READ_TIMEOUT = 0.2
 
 
 class DoraNode(Protocol):
-    """What is used of `dora.Node`."""
+    """Describes the part of `dora.Node` that is used here."""
 
     def next(self, timeout: float | None = None) -> dict[str, Any] | None:
-        """The next event; an error after so many seconds, None after the last one."""
+        """Returns the next event: an error after the timeout, None after the last event."""
 
     def drain(self) -> list[dict[str, Any]] | None:
-        """The events that are there."""
+        """Returns the events that have arrived."""
 
     def node_config(self) -> dict[str, Any]:
-        """Its part of the dataflow."""
+        """Returns the node's part of the dataflow."""
 
     def send_output(
         self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
     ) -> None:
-        """Send a value."""
+        """Sends a value."""
 
     def send_service_request(
         self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
     ) -> str:
-        """Send a request; the name by which its result is known."""
+        """Sends a request, and returns the id that its result will have."""
 
 
 class DoraSource:
-    """Local or a cloud: its requests that wait for a result, by dora's name for them."""
+    """Keeps the requests to local or a cloud that wait for a result, by dora's id."""
 
     def __init__(self, node: DoraNode, name: str) -> None:
         self._node, self.name = node, name
@@ -81,11 +81,11 @@ class DoraSource:
         self._is_closed = False
 
     async def call(self, event: dict[str, Any], call: Call) -> StampedValue[Any]:
-        """As `compute`, for a cloud."""
+        """Requests a result from a cloud, as `compute` does."""
         return await self._answer(event, call.timestamp)
 
     async def compute(self, event: dict[str, Any], t: int) -> Any:
-        """Request a result for a message, and wait for it."""
+        """Requests a result for a message, and waits for it."""
         return (await self._answer(event, t)).value
 
     async def _answer(self, event: dict[str, Any], t: int) -> StampedValue[Any]:
@@ -101,7 +101,7 @@ class DoraSource:
             del self._waiting[request]
 
     def take(self, event: dict[str, Any]) -> bool:
-        """Take a result; whether its request still waits."""
+        """Accepts a result. Returns True if its request still waits."""
         self._is_closed = False
         answer, t = self._waiting.get(event["metadata"].get("request_id"), (None, 0))
         if answer is None or answer.done():
@@ -110,14 +110,14 @@ class DoraSource:
         return True
 
     def close(self) -> None:
-        """Its results do not come any more."""
+        """Fails all requests, because no results come any more."""
         self._is_closed = True
         for answer, _ in self._waiting.values():
             if not answer.done():
                 answer.set_exception(ConnectionError("its input was closed"))
 
     def reopen(self) -> None:
-        """They may come again."""
+        """Notes that results may come again."""
         self._is_closed = False
 
 
@@ -125,19 +125,20 @@ class FusionNode:
     """Runs the node around an `Operator`.
 
     Args:
-        node: A `dora.Node`, or what has its methods.
-        clouds: How long each may take, in rising priority.
-        local_deadline: How long local may take (F1); what is not there by then counts as lost.
-        calls: How many requests each source has at once.
-        window: How many messages may be open at once; one more is refused ``full`` (F1).
-        commit: When a result is sent although a better one is pending (F6).
+        node: A `dora.Node`, or an object with its methods.
+        clouds: The deadline of each cloud by name, in rising priority.
+        local_deadline: The time that local may take (F1). A later result counts as lost.
+        calls: The greatest number of requests that each source has at once.
+        window: The greatest number of messages that may be open at once. A further message is
+            refused as ``full`` (F1).
+        commit: Decides when a result is sent although a better one is pending (F6).
         trace: The file that the run is recorded to.
-        clock: Reads whole nanoseconds that never go back; by default the monotonic clock.
+        clock: Returns whole nanoseconds that never go back; the monotonic clock by default.
 
     Raises:
         ConfigError: if the dataflow lacks one of the node's inputs or outputs, or there is no such
             operator.
-        TimeError: if a duration is none.
+        TimeError: if a duration is invalid.
     """
 
     def __init__(
@@ -166,7 +167,7 @@ class FusionNode:
         self._sources = {name: DoraSource(node, name) for name in names}
         #: Inputs, by their timestamp, until their item is sent.
         self._open: dict[int, dict[str, Any]] = {}
-        #: What was not taken: results of no request that waits, inputs for which there was no room.
+        #: The counts of results that no request waits for, and of inputs without room.
         self.dropped: Counter[str] = Counter()
         local = Local.task(
             self._sources["local"].compute,
@@ -193,7 +194,7 @@ class FusionNode:
         )
 
     async def serve(self) -> None:
-        """Reads the node's events until ``input`` is closed, and sends what each leads to."""
+        """Reads the node's events until ``input`` is closed, and sends the outputs."""
         async with self.operator:
             loop = asyncio.get_running_loop()
             reader = threading.Thread(target=self._read, args=[loop])
@@ -205,12 +206,12 @@ class FusionNode:
                 await asyncio.to_thread(reader.join)
 
     async def send_items(self) -> None:
-        """Sends what each input leads to, until the operator ends."""
+        """Sends the output of each input, until the operator ends."""
         async for item in self.operator:
             self._send(item)
 
     def take(self, event: dict[str, Any] | None) -> None:
-        """Takes an event of dora's, or None after the last one."""
+        """Applies an event of dora, or None after the last one."""
         kind = "STOP" if event is None else event["type"]
         name = "" if event is None else str(event.get("id", ""))
         source = self._sources.get(name.removesuffix("_result"))
@@ -248,13 +249,13 @@ class FusionNode:
             self._node.send_output("missed", b"", metadata | why)
 
     def _read(self, loop: asyncio.AbstractEventLoop) -> None:
-        """In a thread: dora's events wait for no loop."""
+        """Reads events in a thread, because dora's events wait for no loop."""
         event: dict[str, Any] | None = {}
         while event is not None and not self._is_over:
             event = self._node.next(timeout=READ_TIMEOUT)
             events: list[dict[str, Any] | None] = [event]
             if event is not None and event["type"] in ("INPUT_CLOSED", "STOP"):
-                # Dora gives these before inputs that came earlier.
+                # Dora returns these before inputs that came earlier.
                 given = [*(self._node.drain() or []), event]
                 given.sort(key=lambda it: it["type"] != "INPUT")
                 events = [*given]
@@ -271,7 +272,7 @@ def _cloud(text: str) -> tuple[str, float]:
 
 
 def main() -> int:
-    """Runs a node, as the arguments say."""
+    """Runs a node with the options in the arguments."""
     parser = argparse.ArgumentParser("python -m fuseline.dora")
     parser.add_argument(
         "--cloud", type=_cloud, action="append", default=[], metavar="NAME=SECONDS",

@@ -1,4 +1,4 @@
-"""Boxes of a stream, moved on to now: an output is old when it comes, and the world has moved.
+"""Moves a detector's boxes on to the present, because the world moved while it computed.
 
 A `Forecast` follows boxes from output to output by their overlap, and moves each on at constant
 velocity:
@@ -25,7 +25,7 @@ Box: TypeAlias = Sequence[float]
 
 
 def overlap(one: Box, other: Box) -> float:
-    """Returns the share that two boxes have in common of all that they cover (IoU).
+    """Returns the overlap of two boxes: their intersection over their union (IoU).
 
     >>> overlap((0.0, 0.0, 2.0, 1.0), (1.0, 0.0, 3.0, 1.0))
     0.333...
@@ -39,14 +39,15 @@ def overlap(one: Box, other: Box) -> float:
 
 
 class Forecast:
-    """Boxes that move on at constant velocity.
+    """Follows boxes from output to output, and moves them on at constant velocity.
 
     Args:
-        least_overlap: A box is the one of before that it overlaps most, if by as much (IoU).
-        weight: How much the newest movement counts against what was known, above 0 and at most 1.
+        least_overlap: The least overlap (IoU) at which a box counts as one of the previous boxes.
+            Among several, the one with the greatest overlap counts.
+        weight: The weight of the newest movement in the mean velocity, above 0 and at most 1.
 
     Raises:
-        ValueError: for a share that is none.
+        ValueError: if an argument is out of its range.
     """
 
     def __init__(self, least_overlap: float = 0.3, weight: float = 0.5) -> None:
@@ -59,14 +60,15 @@ class Forecast:
         self._velocities: list[tuple[float, float] | None] = []
 
     def update(self, at: float, boxes: Sequence[Box]) -> list[float]:
-        """Takes the boxes of what was captured at an instant, in seconds.
+        """Updates the forecast with the boxes of a frame that was captured at an instant, in
+        seconds.
 
-        Boxes of the same instant take the place of those before, as a revision does; boxes of an
-        earlier one are ignored.
+        Boxes of the same instant replace the previous ones, as a revision does. Boxes of an earlier
+        instant are ignored.
 
         Returns:
-            The speed of each box that was seen before, in boxes a second: ``|vx| / width +
-            |vy| / height``. It is what `fuseline.deadline.Streaming` learns from.
+            The speed of each box that was seen before, in boxes a second: ``|vx| / width + |vy| /
+            height``. Give these speeds to `fuseline.deadline.Streaming.moved`.
         """
         if not math.isfinite(at) or at < self._at:
             return []
@@ -85,7 +87,7 @@ class Forecast:
         return speeds
 
     def boxes(self, at: float) -> list[tuple[float, ...]]:
-        """Returns the newest boxes, each where it should be at an instant."""
+        """Returns the newest boxes, each at its expected place at an instant."""
         moved = []
         for box, velocity in zip(self._boxes, self._velocities, strict=True):
             x, y = ((at - self._at) * it for it in velocity or (0.0, 0.0))

@@ -1,14 +1,13 @@
 """Clouds behind gRPC: a handle for `Operator.use_cloud`, and a server.
 
 Both speak ``fuseline.v1.Infer``, as Rust's operators and the command ``fuseline serve`` do. A
-`Remote` is where a cloud is; its method `Remote.infer` is the handle:
+`Remote` connects to a cloud, and its method `Remote.infer` is the handle:
 
     async with Remote("https://west.example:50051", ca=ca, token="secret") as west:
         operator.use_cloud(west.infer, message_handler, response_handler, 1)
 
-Payloads are bytes, encoded as operator and cloud agreed. The deadline travels with each call, and
-so does what its message comes from. `Remote.infer_stamped` gives with the payload what the reply
-says of which message it is.
+Payloads are bytes, encoded as operator and cloud agreed. The deadline and the lineage travel with
+each call. `Remote.infer_stamped` also returns the message that the reply names.
 """
 
 from __future__ import annotations
@@ -49,9 +48,9 @@ _log = logging.getLogger("fuseline")
 class Identity:
     """Holds a certificate and its private key."""
 
-    #: The certificate and the chain from it to the CA, PEM.
+    #: The certificate and the chain from it to the CA, in PEM.
     certificate: bytes
-    #: The private key, PEM.
+    #: The private key, in PEM.
     key: bytes
 
     def __repr__(self) -> str:
@@ -62,7 +61,7 @@ class Token:
     """Holds a bearer token that can be replaced while connections or a server use it.
 
     Raises:
-        ConfigError: if it is not visible ASCII characters, at least one.
+        ConfigError: if it is empty, or has characters other than visible ASCII.
     """
 
     def __init__(self, token: str) -> None:
@@ -78,11 +77,11 @@ class Token:
         return "Token(…)"
 
     def _is_shown(self, metadata: Any) -> bool | None:
-        """Tells whether a call shows this token; None if it shows none."""
+        """Returns True if a call shows this token, and None if it shows none."""
         for key, value in metadata or ():
             if key == "authorization":
                 shown = value if isinstance(value, bytes) else value.encode()
-                # Takes equally long wherever they differ.
+                # The comparison takes equally long wherever the texts differ.
                 return hmac.compare_digest(shown, self._header.encode())
         return None
 
@@ -95,15 +94,14 @@ class Remote:
 
     Args:
         url: ``https://host:port``, or ``http://host:port`` without TLS.
-        ca: The CA certificates, PEM, one of which must have signed the server's. Needed with https;
-            the system's own are not used.
-        identity: Our certificate, for servers that ask for one (mutual TLS).
+        ca: The certificates of the CAs that may have signed the server's certificate, in PEM.
+            Needed with https; the system's CAs are not used.
+        identity: The client's own certificate, for servers that ask for one (mutual TLS).
         server_name: The name that the server's certificate must be for; by default the URL's host.
-        token: The token that each call bears, as ``authorization: Bearer …``.
+        token: The token that each call carries, as ``authorization: Bearer …``.
 
     Raises:
-        ConfigError: if these settings cannot work. A server that does not answer shows only in the
-            calls.
+        ConfigError: if these settings cannot work. If the server does not answer, the calls fail.
     """
 
     def __init__(
@@ -123,10 +121,10 @@ class Remote:
         is_secure = parts.scheme == "https"
         if is_secure and ca is None:
             raise ConfigError(
-                "an https URL needs the certificate of the CA that signed the server's"
+                "an https URL needs the certificate of the CA that signed the server's certificate"
             )
         if not is_secure and (ca is not None or identity is not None):
-            raise ConfigError("certificates are for https URLs, this is http")
+            raise ConfigError("certificates need an https URL, but this one is http")
         #: The URL.
         self.url = url
         self._token = Token(token) if isinstance(token, str) else token
@@ -160,7 +158,7 @@ class Remote:
         return (await self.infer_stamped(payload, call)).value
 
     async def infer_stamped(self, payload: bytes, call: Call) -> StampedValue[bytes]:
-        """Does the same, and returns what the reply says of its message in a `StampedValue`.
+        """Has a message computed. Returns a `StampedValue` with the messages that the reply names.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -185,7 +183,7 @@ class Remote:
         return StampedValue(bytes(reply.payload), of, meant_for)
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
-        """Returns what the cloud serves, or None if it does not say.
+        """Returns the cloud's description of what it serves, or None if it has none.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the seconds pass.
@@ -231,7 +229,7 @@ class Remote:
         options: list[tuple[str, int | str]] = [
             ("grpc.max_send_message_length", MESSAGE_BYTES),
             ("grpc.max_receive_message_length", MESSAGE_BYTES),
-            # A cloud that returns is asked again soon: on board does not wait for it meanwhile.
+            # A cloud that returns is asked again soon. Local does not wait for it meanwhile.
             ("grpc.initial_reconnect_backoff_ms", 100),
             ("grpc.min_reconnect_backoff_ms", 1000),
             ("grpc.max_reconnect_backoff_ms", 1000),
@@ -251,24 +249,26 @@ class Remote:
 class Server:
     """Serves ``fuseline.v1.Infer``: the cloud's side.
 
-    Use it as a context manager, or `start` and `stop` it. When the caller gives up or its deadline
-    passes, the computation is cancelled. An exception is the caller's failure, with its words.
+    Use it as a context manager, or call `start` and `stop`. When the caller gives up or its
+    deadline passes, the computation is cancelled. An exception becomes the caller's failure, with
+    its text.
 
     Args:
-        infer: Computes a message: an ``async def`` of the payload and its `Call`, whose deadline
-            is the seconds left, infinite if the caller set none. Its lineage is what the request
-            has, captured by this host's ``time.monotonic_ns``; the time on the way is not known. It
-            may return a `StampedValue`, to say of which message the reply is.
+        infer: Computes a message: an ``async def`` of the payload and its `Call`. The call's
+            deadline is the time left in seconds, or infinite if the caller set none. Its lineage is
+            the request's, with the capture on this host's ``time.monotonic_ns``; the time on the
+            way is not known. It may return a `StampedValue` to name the message that the reply was
+            computed from.
         address: ``host:port``; port 0 chooses one, see `address`.
         identity: The server's certificate; with it, the server speaks TLS.
-        client_ca: The CA certificates, PEM, one of which must have signed the client's (mutual
-            TLS).
-        token: The token that each call must bear.
-        description: What the server serves, for clients that ask.
-        calls: How many calls may be under way; one more is refused.
+        client_ca: The certificates of the CAs that may have signed a client's certificate, in PEM
+            (mutual TLS).
+        token: The token that each call must carry.
+        description: The description of what the server serves, for clients that ask.
+        calls: The greatest number of calls under way. A further call is refused.
 
     Raises:
-        ConfigError: if clients' certificates are asked for without one of the server's own.
+        ConfigError: if ``client_ca`` is given without ``identity``.
 
     >>> import asyncio
     >>> from fuseline import Operator
@@ -299,7 +299,8 @@ class Server:
     ) -> None:
         if client_ca is not None and identity is None:
             raise ConfigError(
-                "asking for clients' certificates needs a certificate and key of the server's own"
+                "a server that asks for clients' certificates needs a certificate and a key of its "
+                "own"
             )
         check_handle(infer)
         if not isinstance(address, str):
@@ -311,7 +312,7 @@ class Server:
         self._description = description
         self._calls = calls
         self._server: Any = None
-        #: Where it listens, once it does: ``host:port``.
+        #: The address at which it listens, once it does: ``host:port``.
         self.address = address
 
     @property
@@ -360,7 +361,7 @@ class Server:
         self.address = f"{self._wanted.rpartition(':')[0]}:{port}"
 
     async def stop(self, grace: float = 0.0) -> None:
-        """Takes no new calls, and gives those under way so many seconds to end."""
+        """Accepts no new calls, and gives those under way ``grace`` seconds to end."""
         server, self._server = self._server, None
         if server is not None:
             await server.stop(grace)
@@ -388,7 +389,7 @@ class Server:
         return int(server.add_secure_port(self._wanted, credentials))
 
     def _is_free(self, options: Any) -> bool:
-        """Tells whether the address can be listened on without TLS."""
+        """Returns True if the server can listen on the address."""
         try:
             return bool(grpc.aio.server(options=options).add_insecure_port(self._wanted))
         except RuntimeError:
@@ -431,7 +432,7 @@ class Server:
 
 
 def _lineage(request: Any) -> tuple[Lineage | None, float | None]:
-    """Returns a request's lineage, and how many seconds old it says it is."""
+    """Returns a request's lineage, and its age in seconds as the request states it."""
     if not request.HasField("lineage"):
         return None, None
     sent = request.lineage

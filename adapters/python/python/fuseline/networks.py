@@ -1,7 +1,7 @@
-"""Recorded networks before calls, and rival policies over the same arrivals.
+"""Puts recorded networks in front of calls, and compares policies over the same arrivals.
 
-A `RecordedNetwork` delays the calls of a handle by the round trips of a drive, in the loop's time:
-a test in `fuseline.testing`'s virtual time drives for hours in milliseconds.
+A `RecordedNetwork` delays the calls of a handle by the round trips of a drive, in the loop's time.
+A test in the virtual time of `fuseline.testing` therefore drives for hours within milliseconds.
 
 >>> from fuseline import Operator, testing
 >>> async def detect(frame, call):
@@ -16,7 +16,7 @@ a test in `fuseline.testing`'s virtual time drives for hours in milliseconds.
 >>> testing.run(main)
 [('frame by the cloud', 0.117)]
 
-Between processes ``fuseline serve --forward URL --drive DRIVE`` puts a drive before a server.
+Between processes, ``fuseline serve --forward URL --drive DRIVE`` puts a drive in front of a server.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ __all__ = [
     "compare_responses",
 ]
 
-#: The names of the drives inside the wheel, those that the command has.
+#: The names of the drives inside the wheel. The command has the same.
 DRIVES: tuple[str, ...] = tuple(_fuseline.drives())
 
 Req = TypeVar("Req")
@@ -54,15 +54,15 @@ Res = TypeVar("Res")
 
 
 class Drive:
-    """Gives the round trips of one recorded drive, by the moment of sending; it repeats at its end.
+    """Returns the round trips of one recorded drive, by the moment of sending.
 
     Args:
-        name: A built-in one, or a CSV file as ``fuseline run --help`` has it, each with
-            ``:network`` after it where the recording has several.
+        name: A built-in drive, or a CSV file as ``fuseline run --help`` describes it. If the
+            recording has several networks, add ``:network``. At its end the drive starts again.
 
     Raises:
-        OSError: if there is neither.
-        ValueError: if the file is no drive, with the line.
+        OSError: if there is no such drive and no such file.
+        ValueError: if the file is not a drive. The error names the line.
 
     >>> drive = Drive("cicv5g/rural_n8_v10")
     >>> drive.round_trip(0.055)
@@ -80,7 +80,7 @@ class Drive:
 
     @property
     def name(self) -> str:
-        """Returns the drive's name, the network included."""
+        """Returns the drive's name, with the network."""
         return self._drive.name
 
     @property
@@ -90,15 +90,15 @@ class Drive:
 
     @cached_property
     def samples(self) -> list[tuple[float, float | None]]:
-        """Returns when each round trip begins to hold, in seconds; None means no network."""
+        """Returns each round trip and the second from which it holds; None means no network."""
         return [
             (at / 1e9, None if trip is None else trip / 1e9) for at, trip in self._drive.samples()
         ]
 
     def round_trip(self, at: Duration) -> float | None:
-        """Returns the seconds until what is sent ``at`` is back; None if it never is.
+        """Returns the round trip of a message sent ``at`` this second; None if it never returns.
 
-        While the network was unavailable a message waits until it is there again.
+        While the network is unavailable, a message waits for it.
         """
         trip = self._drive.round_trip(at)
         return None if trip is None else trip / 1e9
@@ -107,13 +107,13 @@ class Drive:
 class RecordedNetwork:
     """Emulates a network between an operator and a cloud, or several.
 
-    A call takes the round trip of the moment at which it is made: half of it on the way there, half
-    on the way back. One that is never back waits until it is cancelled. The network's time is the
-    running loop's, and begins with its first call, or with `begin`.
+    A call takes the round trip of the moment at which it is made: half of it on the way there, and
+    half on the way back. A call that never returns waits until it is cancelled. The network's time
+    is the running loop's, and begins with the first call or with `begin`.
 
     Args:
-        drive: A `Drive`, or what makes one.
-        start: Where in the drive it begins.
+        drive: A `Drive`, or the name of one.
+        start: The second of the drive at which it begins.
     """
 
     def __init__(self, drive: Drive | str | PathLike[str], start: Duration = 0.0) -> None:
@@ -127,12 +127,12 @@ class RecordedNetwork:
         self._begun: float | None = None
 
     def begin(self) -> None:
-        """Begins its time now, if it has not begun."""
+        """Starts the network's time now, unless it has started."""
         if self._begun is None:
             self._begun = asyncio.get_running_loop().time()
 
     def round_trip(self) -> float | None:
-        """Returns the seconds until what is sent now is back; None if it never is."""
+        """Returns the round trip of a message sent now; None if it never returns."""
         self.begin()
         assert self._begun is not None
         return self.drive.round_trip(self._start + asyncio.get_running_loop().time() - self._begun)
@@ -140,7 +140,7 @@ class RecordedNetwork:
     def handle(
         self, handle: Callable[[Req, Call], Awaitable[Res]]
     ) -> Callable[[Req, Call], Awaitable[Res]]:
-        """Returns a handle behind this network. The time on the way is taken from its deadline."""
+        """Returns a handle behind this network. The time on the way reduces its deadline."""
 
         async def delayed(request: Req, call: Call) -> Res:
             trip = self.round_trip()
@@ -166,20 +166,20 @@ class Quantile(NamedTuple):
 
     #: Infinite if too many have no output.
     seconds: float
-    #: Whether it is no less than that: some response times are not known.
+    #: True if this is only a lower bound, because some response times are not known.
     is_bound: bool = False
 
 
 @dataclass(frozen=True)
 class PolicyScore:
-    """Scores a policy; figures are from least to most where some are not known."""
+    """Scores a policy. Figures are ranges, because some response times may be unknown."""
 
-    #: ``local only``, ``cloud only: NAME``, ``first response wins``, ``progressive``; of a trace
-    #: also ``fusion``, what its operator did.
+    #: ``local only``, ``cloud only: NAME``, ``first response wins``, ``progressive``; for a trace
+    #: also ``fusion``, which is its operator.
     policy: str
-    #: The mean accuracy, where an output that is missing or late counts 0. None without figures.
+    #: The mean accuracy. A missing or late output counts as 0. None without figures.
     accuracy: tuple[float, float] | None
-    #: How many outputs had a result before the deadline.
+    #: The number of outputs with a result before the deadline.
     in_time: tuple[int, int]
     #: The response time that half of the messages do not exceed. None without messages.
     p50: Quantile | None
@@ -189,13 +189,13 @@ class PolicyScore:
 
 @dataclass(frozen=True)
 class Responses:
-    """Holds what one source gave for each message."""
+    """Holds the responses of one source."""
 
     #: The seconds until its result came, or None if none came, in the order of the messages.
     seconds: Sequence[Duration | None]
     #: 0 is local; clouds have 1 to 65535, the greater wins.
     priority: int
-    #: How good its results are, such as an AP.
+    #: The accuracy of its results, such as an AP.
     accuracy: float | None = None
 
 
@@ -206,14 +206,15 @@ def compare(
     accuracies: Mapping[str, float] | None = None,
     name: str | None = None,
 ) -> list[PolicyScore]:
-    """Scores the operator of a trace, and rival policies over the same arrivals.
+    """Scores the operator of a trace, and other policies over the same arrivals.
 
-    What is not known, since a call was ended before its result, gives bounds; let calls linger.
+    If a call was ended before its result came, its response is unknown and the figures become
+    bounds. Let calls linger to avoid this.
 
     Args:
         trace: The trace, as for `fuseline.check`.
         deadline: What an output's result has to beat.
-        accuracies: How good each source is, by its name: ``local`` or the cloud's.
+        accuracies: The accuracy of each source, by its name: ``local`` or the cloud's.
         name: The trace's name in errors; by default its path.
 
     Raises:
@@ -226,10 +227,11 @@ def compare(
 
 
 def compare_responses(sources: Mapping[str, Responses], *, deadline: Duration) -> list[PolicyScore]:
-    """Scores rival policies over responses that were measured or made up.
+    """Scores policies over responses that were measured or made up.
 
     Args:
-        sources: What each source gave, by its name: one of priority 0, which is local, and clouds.
+        sources: The responses of each source by name: one of priority 0, which is local, and
+            clouds.
         deadline: What an output's result has to beat.
 
     Raises:

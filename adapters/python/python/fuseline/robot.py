@@ -1,8 +1,8 @@
-"""Remote policies for robots: an action each tick, whatever the network and the server do.
+"""Gives a robot an action at each tick, whatever the network and the server do.
 
-`Always` stands where a policy stood: `infer` gives the remote policy's action if it is there by the
-deadline, else one from on board. It has the methods of openpi's ``BasePolicy``; `openpi` and
-`lerobot` connect to the policy servers of both.
+`Always` replaces a policy: `infer` returns the remote policy's action if it comes by the deadline,
+and otherwise an action from on board. It has the methods of openpi's ``BasePolicy``. `openpi` and
+`lerobot` connect to the policy servers of these projects.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ class OnBoardPolicy(Protocol):
     """A policy that computes on board."""
 
     def infer(self, obs: Any) -> Any:
-        """An action for an observation."""
+        """Returns an action for an observation."""
 
 
 @dataclass(frozen=True)
 class Hold:
-    """On board the action sent last is held."""
+    """Repeats the last action on board."""
 
-    #: What is held before the first action was sent.
+    #: The action to send before any other was sent.
     first: Any
 
     def __post_init__(self) -> None:
@@ -78,50 +78,52 @@ OnBoard: TypeAlias = Hold | OnBoardPolicy | Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Chunk:
-    """The remote policy answers with the actions of several ticks."""
+    """Configures a remote policy that replies with the actions of several ticks."""
 
-    #: The next chunk is requested every so many ticks, unless a request is under way.
+    #: The number of ticks from one request to the next, unless a request is under way.
     every: int
-    #: How many ticks after its observation an action may still be sent.
+    #: The number of ticks after its observation for which an action may be sent.
     max_age: int
-    #: The actions of a reply; by default those of a list, or of arrays by their first dimension.
+    #: Splits a reply into actions; by default the items of a list, or of arrays along their first
+    #: dimension.
     split: Callable[[Any], Sequence[Any]] | None = None
-    #: Whether a chunk's actions for ticks that have passed are skipped, so that each is sent at the
-    #: tick that it was computed for; else a chunk begins with its first action when it comes.
+    #: ``executed`` skips a chunk's actions for ticks that have passed, so each action is sent at
+    #: the tick that it was computed for. With ``none`` a chunk begins with its first action when it
+    #: comes.
     skip: Literal["executed", "none"] = "executed"
-    #: How the first actions of a chunk follow those before: see `fade`.
+    #: Blends the first actions of a chunk with the previous ones: see `fade`.
     blend: Blend | None = None
-    #: How long a chunk may take, before its call is ended and the connection made anew.
+    #: The time that a chunk may take before its call is ended and the connection replaced.
     within: Duration = 1.0
 
 
 @fix_arguments
 class Always:
-    """A policy that has an action by its deadline at each tick.
+    """Returns an action by its deadline at each tick, from the remote policy or from on board.
 
-    One call is under way at a time. One that is not answered within ``deadline`` + ``linger`` is
-    ended with its connection, and the next one connects anew, so that a late reply is read by its
-    own call and never acts.
+    One call is under way at a time. A call without a reply within ``deadline`` + ``linger`` is
+    ended together with its connection, and the next call connects again. So no later call can read
+    a late reply.
 
-    A reply acts only if it has the form of an action on board, with numbers that are finite; else
-    the call has failed. An action on board that is not there by the deadline is replaced by the
-    action that was sent last. Each failure is counted in `counts` and given to ``on_failure``.
+    A reply must have the form of an action from on board, with finite numbers. Otherwise the call
+    has failed. If the policy on board has no action by the deadline, the last action is repeated.
+    Each failure is counted in `counts` and passed to ``on_failure``.
 
     Args:
         remote: Connects to the remote policy, in a thread of its own: `openpi`, `lerobot`, or a
             function that returns a `RemotePolicy`.
-        on_board: What acts when the remote policy does not: `Hold`, an object with ``infer``, or a
-            function of the observation.
-        deadline: How long the remote policy may take, and the one on board; by default three
-            quarters of the period.
-        chunk: How replies with the actions of several ticks are used. The age of what is sent is
-            then bounded by it, and the deadline is for a chunk that is there already.
-        period: The time from a tick to the next, in seconds; not a rate in hertz.
-        linger: How long a call may go on after its deadline, without effect.
+        on_board: Returns an action if the remote policy does not: `Hold`, an object with ``infer``,
+            or a function of the observation.
+        deadline: The time that the remote policy and the policy on board may take; three quarters
+            of the period by default.
+        chunk: Configures the use of replies with the actions of several ticks. It then bounds the
+            age of actions, and the deadline applies to actions of a chunk that has arrived.
+        period: The time from one tick to the next, in seconds, not a rate in hertz.
+        linger: The time that a call may continue after its deadline, without effect.
         trace: The file that the run is recorded to, for ``fuseline check``.
         name: The operator's name in logs and traces.
-        on_failure: Called in `infer`, before it returns, with each `Failure` since the last tick:
-            of a call to the remote policy, or of the policy on board. What it raises is logged.
+        on_failure: Called by `infer`, before it returns, with each `Failure` since the last tick,
+            of the remote policy or of the policy on board. An exception that it raises is logged.
 
     Raises:
         ConfigError: if neither a deadline nor a period is given, the deadline is above the period,
@@ -157,14 +159,14 @@ class Always:
         self._linger = nanoseconds(linger) / 1e9
         self._failures = PolicyFailures(name, on_failure)
         self._last: Any = on_board.first if isinstance(on_board, Hold) else None
-        #: What an action on board is made of, once that is known.
+        #: The form of an action on board, once that is known.
         self._like = _held_form(on_board)
         self._is_guessed = False
         self._kinds = ArrayKinds()
         if isinstance(on_board, Hold):
             self._kinds.learn(on_board.first)
         self._remote = RemoteThread(remote, self._read(chunk), name)
-        #: What became of the last tick, for instance whose action it was.
+        #: The item of the last tick, with the source of its action.
         self.item: Item[Any] | None = None
         self._plan = (
             None
@@ -202,13 +204,13 @@ class Always:
         self._is_closed = False
 
     def infer(self, obs: Any) -> Any:
-        """Returns the action for an observation, at the latest at the deadline.
+        """Returns the action for an observation by the deadline.
 
         Several threads may call it; each tick waits for the one before.
 
         Raises:
-            RuntimeError: if there is none: on board nothing came by the deadline, and no action was
-                sent before that could be held. Call a policy that loads slowly once before.
+            RuntimeError: if no action came by the deadline, and none was sent before that could be
+                repeated. If a policy on board loads slowly, call it once before the first tick.
         """
         if threading.get_ident() in self._inside:
             raise RuntimeError("infer in the policy on board, or in what is called on failures")
@@ -220,22 +222,22 @@ class Always:
             return self._tick(obs)
 
     def reset(self) -> None:
-        """Forget the actions of chunks, as at the begin of an episode."""
+        """Forgets the actions of chunks, as at the start of an episode."""
         if self._plan is not None:
             self._plan.clear()
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
-        """What happened so far: the counts of the operator, and what became of the calls.
+        """Returns the counts of the operator and of the calls so far.
 
-        ``counts["remote", "call", "answered"]`` and ``"failed"`` are the calls to the remote
+        ``counts["remote", "call", "answered"]`` and ``"failed"`` count the calls to the remote
         policy, and ``counts["remote", "call failed because", why]`` has the last eight reasons.
-        ``counts[name, "message", "missed"]`` are the ticks for which nothing came.
+        ``counts[name, "message", "missed"]`` counts the ticks for which nothing came.
         """
         return self._operator.operator.counts + self._failures.counts
 
     def close(self) -> None:
-        """End the remote call and the trace, unless that was done."""
+        """Ends the remote call and the trace. Later calls of it do nothing."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -258,7 +260,7 @@ class Always:
 
     @contextlib.contextmanager
     def _within(self) -> Iterator[None]:
-        """What runs here must not wait for a tick."""
+        """Marks code that must not wait for a tick."""
         self._inside.add(threading.get_ident())
         try:
             yield
@@ -284,7 +286,7 @@ class Always:
                 f"no action for tick {t}: {item.ending.name.lower()}; {why}; no action was sent "
                 "before that could be held: call the policy on board once before, or give Hold"
             )
-        # Whoever gets the action may change it.
+        # The caller may change the action.
         self._last = snapshot(item.value)
         return item.value
 
@@ -315,18 +317,19 @@ class Always:
                 check_form(action, self._like, "the action on board now")
             return action
 
-        # Of several observations that wait for a slow policy the latest one counts.
+        # If several observations wait for a slow policy, the latest one counts.
         return Local.threads(act, deadline=ns(round(self._deadline * 1e9)), waiting=1)
 
     def _check(self, action: Any, where: str = "the action") -> None:
         check_form(action, self._like, where)
         self._kinds.check(action)
         if self._like is None:
-            # Until the policy on board has acted, its actions are as the first one.
+            # Until the policy on board has acted, the first action sets the form.
             self._is_guessed, self._like = True, form_of(action)
 
     def _read(self, chunk: Chunk | None) -> Callable[[Any], Any]:
-        """What makes actions of a reply, and checks them, in the remote policy's thread."""
+        """Returns the function that makes and checks the actions of a reply, in the remote policy's
+        thread."""
 
         def one(reply: Any) -> Any:
             self._check(reply)
@@ -355,7 +358,7 @@ class Always:
         return action
 
     def _offer_planned(self, observation: Any, t: int) -> tuple[Any, float] | None:
-        """Requests the next chunk if it is time, and the planned action if there is one."""
+        """Requests the next chunk if it is time, and returns the planned action if there is one."""
         assert self._plan is not None
         self._plan.request(observation, t)
         try:
@@ -374,7 +377,7 @@ class Always:
 
 
 def _held_form(on_board: OnBoard) -> Form | None:
-    """Returns what an action that is held is made of; a number alone may stand for any action."""
+    """Returns the form of an action that is held, or None for a single number."""
     form = form_of(on_board.first) if isinstance(on_board, Hold) else None
     return None if form == () else form
 

@@ -1,7 +1,8 @@
-"""Joins for nodes of rclpy: as `message_filters`, with a bound on waiting and drops reported.
+"""Joins topics in a node of rclpy, like `message_filters`, with a bounded wait.
 
-A set is given when each topic is there or its wait is over, with the topics that are missing: a
-sensor that died holds nothing up. It runs on rclpy's executor, without an asyncio loop.
+A set is given when each topic has a message in it, or when its wait is over. It names the topics
+that are missing, so a sensor that died blocks nothing. Dropped messages are reported. It runs on
+rclpy's executor, without an asyncio loop.
 
     subscribers = {name: message_filters.Subscriber(node, Image, f"/{name}") for name in cameras}
     synchronizer = TimeSynchronizer(node, subscribers, wait=0.02)
@@ -31,25 +32,26 @@ __all__ = ["Subscriber", "TimeSynchronizer", "stamp_of"]
 
 
 class Subscriber(Protocol):
-    """What `message_filters.Subscriber` is here."""
+    """Describes the part of `message_filters.Subscriber` that is used here."""
 
     def registerCallback(self, callback: Callable[..., Any], *arguments: Any) -> Any:  # noqa: N802
         """Calls a function with each message."""
 
 
 class TimeSynchronizer:
-    """Gives the messages of several topics that have one stamp together.
+    """Collects the messages of several topics that have the same stamp in a set.
 
     Args:
-        node: The rclpy node, whose timer ends a wait. Instants are the monotonic clock's, so that
-            a wall clock that steps moves none; stamps are compared alone (D13).
-        subscribers: By name, of messages with a header.
-        wait: How long a set waits after its first message.
-        window: How many sets may wait; for one more the oldest is given as it is.
-        key: What messages of one set have in common: by default their stamp.
-        clock: Reads whole nanoseconds that never go back.
-        timer: Has a function called once after so many seconds, and returns what cancels that; by
-            default a steady timer of the node's.
+        node: The rclpy node, whose timer ends a wait. Waits use the monotonic clock, so a step of
+            the wall clock does not change them. Stamps are only compared with each other (D13).
+        subscribers: The subscribers by name. Their messages have a header.
+        wait: The time that a set waits after its first message.
+        window: The number of sets that may wait. If another one begins, the oldest is given
+            incomplete.
+        key: Returns the key that the messages of one set share: their stamp by default.
+        clock: Returns whole nanoseconds that never go back.
+        timer: Calls a function once after the given seconds, and returns a function that cancels
+            the call; a steady timer of the node by default.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class TimeSynchronizer:
             raise ConfigError("a synchronizer of no topics; give at least one subscriber")
         check_count(window, 1, "a window")
         check_function(key or stamp_of, "a key")
-        #: What was given and why, what was missing in it, and what was dropped.
+        #: The counts of sets, by cause, of missing topics, and of dropped messages.
         self.counts: Counter[tuple[str, str]] = Counter()
         self._key, self._clock = key or stamp_of, clock
         self._timer = timer or partial(_steady_timer, node)
@@ -87,7 +89,7 @@ class TimeSynchronizer:
         self._callbacks.append(callback)
 
     def on_drop(self, on_drop: Callable[[JoinDrop], Any]) -> None:
-        """Calls a function with each message that is dropped: late, twice or without a key."""
+        """Calls a function with each message that is dropped: late, repeated or without a key."""
         check_function(on_drop, "what is called on drops")
         self._on_drop = on_drop
 
@@ -128,7 +130,7 @@ class TimeSynchronizer:
         return given
 
     def _give(self, given: list[Joined]) -> None:
-        """Callbacks may take long, and come back."""
+        """Callbacks may take long, and may call this object."""
         for joined in given:
             for callback in self._callbacks:
                 callback(joined)

@@ -1,8 +1,8 @@
-"""Virtual time, for tests: a loop whose clock jumps to the next timer instead of waiting for it.
+"""Runs tests in virtual time: the loop's clock jumps to the next timer instead of waiting.
 
-An operator whose ``clock`` is the loop's, with all that it calls in the loop, runs for hours in
-milliseconds, and the same each time. Threads and sockets have no virtual time: while something
-outside is awaited and no timer is set, the loop waits for it in real time.
+An operator with the loop's ``clock``, and everything that it calls in the loop, runs for hours
+within milliseconds, and every run is the same. Threads and sockets have no virtual time. If a
+coroutine awaits one of them and no timer is set, the loop waits in real time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Where a selector would sleep until a timer, its time jumps there."""
+    """Jumps to the next timer where another selector would sleep until then."""
 
     def __init__(self, patience: float) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class _JumpingSelector(selectors.DefaultSelector):
 
 
 class _OrderedTimer(asyncio.TimerHandle):
-    """Of two of one instant the one that was set first goes off first."""
+    """Orders timers of one instant by when they were set."""
 
     __slots__ = ("number",)
 
@@ -54,9 +54,9 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     Timers of one instant go off in the order in which they were set.
 
     Args:
-        start: What its clock shows first, in seconds.
-        patience: How long it waits at once for a thread or a socket, in real seconds, where no
-            timer is set.
+        start: The clock's first reading, in seconds.
+        patience: The longest single wait for a thread or a socket if no timer is set, in real
+            seconds.
     """
 
     def __init__(self, start: float = 1000.0, patience: float = 5.0) -> None:
@@ -69,7 +69,8 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return self._start + self._jumping.jumped
 
     def time_ns(self) -> int:
-        """Returns the same in whole nanoseconds: the ``clock`` of a `fuseline.Operator`."""
+        """Returns the loop's time in whole nanoseconds, for the ``clock`` of a
+        `fuseline.Operator`."""
         return round(self.time() * 1e9)
 
     def call_at(  # type: ignore[override]
@@ -84,17 +85,17 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return timer
 
     def block(self, seconds: float) -> None:
-        """Lets time go by as code does that blocks the loop: nothing else runs meanwhile."""
+        """Advances the time as code does that blocks the loop: nothing else runs meanwhile."""
         self._jumping.jumped += seconds
 
 
 def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
     """Runs a coroutine in virtual time, as `asyncio.run` does in real time.
 
-    Tasks that it leaves are cancelled.
+    Tasks that are left at its end are cancelled.
 
     Args:
-        main: Makes the coroutine, given the loop, whose clock operators need.
+        main: Returns the coroutine. It gets the loop, whose clock operators need.
 
     >>> from fuseline import Call, Local, Operator
     >>> async def slow(number: int, call: Call) -> str:

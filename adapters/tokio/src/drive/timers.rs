@@ -1,4 +1,4 @@
-//! What wakes the driver at a due instant.
+//! Timers that wake the driver at a due instant.
 
 #[cfg(target_os = "linux")]
 mod kernel;
@@ -11,16 +11,16 @@ use tokio::time::{Instant, Sleep, sleep_until};
 #[cfg(target_os = "linux")]
 use tracing::error;
 
-/// Whose timers wake an operator at a due instant (F5).
+/// The timers that wake an operator at a due instant (F5).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub enum Timers {
-    /// tokio's. They go off at whole milliseconds of the runtime, half of one late on average, and follow
-    /// a paused clock.
+    /// tokio's timers. They go off at whole milliseconds of the runtime, on average half a
+    /// millisecond late, and follow a paused clock.
     #[default]
     Tokio,
-    /// The kernel's, a `timerfd`: no later than the thread needs to run. It costs a system call each time
-    /// it is set and each time it goes off. Linux only, on a runtime with I/O enabled; a paused clock does
-    /// not move it.
+    /// The kernel's timers, a `timerfd` each. They go off as soon as the thread can run. Each costs
+    /// a system call when it is set and when it goes off. Linux only, on a runtime with I/O
+    /// enabled; a paused clock does not move them.
     Kernel,
 }
 
@@ -32,10 +32,10 @@ pub(super) enum Timer {
 }
 
 impl Timer {
-    /// One that is not set.
+    /// Creates a timer that is not set.
     ///
     /// # Errors
-    /// If the system has none of these, or no more for this process.
+    /// Returns an error if the system has no such timer, or no more of them for this process.
     pub(super) fn new(timers: Timers) -> io::Result<Self> {
         match timers {
             Timers::Tokio => Ok(Self::Tokio(Box::pin(sleep_until(Instant::now())))),
@@ -48,7 +48,7 @@ impl Timer {
         }
     }
 
-    /// Sets it to go off at `at`, and not before.
+    /// Sets the timer to go off at `at`, and not before.
     pub(super) fn set(&mut self, at: Instant) {
         match self {
             Self::Tokio(sleep) => sleep.as_mut().reset(at),
@@ -61,7 +61,7 @@ impl Timer {
         }
     }
 
-    /// Whether it went off, once for each time it was set.
+    /// Returns `true` if the timer went off, once for each time that it was set.
     pub(super) fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
         match self {
             Self::Tokio(sleep) => sleep.as_mut().poll(context),

@@ -6,7 +6,8 @@ use std::io;
 
 use tonic::{Status, transport};
 
-/// Why a call failed, in a few plain words: the innermost cause.
+/// Describes why a call failed in a few plain words, such as `connection refused` or `a bearer
+/// token is needed`. It names the innermost cause. The [`Status`] has the details.
 ///
 /// `connection refused`, `a bearer token is needed`; the details are in the [`Status`].
 #[derive(Clone, Debug)]

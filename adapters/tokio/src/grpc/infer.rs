@@ -25,7 +25,7 @@ use crate::grpc::remote::Connection;
 const INFER: &str = "/fuseline.v1.Infer/Infer";
 const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 
-/// One message of an operator's input.
+/// One message of an operator's input, as it is sent to a cloud.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct Request {
     /// The message's timestamp.
@@ -34,13 +34,13 @@ pub struct Request {
     /// The message, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "2")]
     pub payload: Bytes,
-    /// What the message comes from. [`infer`](crate::grpc::infer) sends what the [call](crate::Call::lineage) has, unless this
-    /// is given.
+    /// The lineage of the message. If it is `None`, [`infer`](crate::grpc::infer) sends the lineage
+    /// of the [call](crate::Call::lineage).
     #[prost(message, optional, tag = "3")]
     pub lineage: Option<RequestLineage>,
 }
 
-/// What a request's message comes from, as of when it was sent.
+/// The lineage of a request's message at the time when the request was sent.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct RequestLineage {
     /// The sensor's stream.
@@ -57,27 +57,29 @@ pub struct RequestLineage {
     pub within_ns: Option<u64>,
 }
 
-/// What the cloud computed from a message.
+/// The result that the cloud computed from a message.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct Reply {
     /// The result, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "1")]
     pub payload: Bytes,
-    /// The timestamp of the message that was computed, if the cloud says so; of several, the oldest's.
+    /// The timestamp of the message that the result was computed from, if the cloud names it. If
+    /// there are several, the oldest.
     #[prost(uint64, optional, tag = "2")]
     pub of: Option<u64>,
-    /// The timestamp of the message that it is meant for, if the cloud says so: of a chunk of actions, the action's tick.
+    /// The timestamp of the message that the result is meant for, if the cloud names it; for a
+    /// chunk of actions, the action's tick.
     #[prost(uint64, optional, tag = "3")]
     pub meant_for: Option<u64>,
 }
 
-/// What a cloud says it serves.
+/// A cloud's description of what it serves.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Description {
     /// The model's name, for people; empty if it has none.
     #[prost(string, tag = "1")]
     pub model: String,
-    /// How long it usually takes, in milliseconds.
+    /// The usual time of a computation, in milliseconds.
     #[prost(double, optional, tag = "2")]
     pub runtime_ms: Option<f64>,
     /// The model's box AP on COCO, 0 to 100.
@@ -86,13 +88,13 @@ pub struct Description {
     /// The recorded drive whose round trips are added to each reply; empty if there is none.
     #[prost(string, tag = "4")]
     pub drive: String,
-    /// Whether the server only waits as long as the model would take.
+    /// `true` if the server only waits for as long as the model would take.
     #[prost(bool, tag = "5")]
     pub emulated: bool,
 }
 
 impl RequestLineage {
-    /// The lineage of a message that is sent at `now`.
+    /// Returns the lineage of a message that is sent at `now`.
     #[must_use]
     pub fn new(lineage: &Lineage, now: Instant) -> Self {
         Self {
@@ -103,8 +105,8 @@ impl RequestLineage {
         }
     }
 
-    /// The lineage on this host's clock, of a request that came at `now`. The time on the way is not known: the message is
-    /// older than it says by that.
+    /// Returns the lineage on this host's clock, for a request that came at `now`. The time on the
+    /// way is not known, so the message is older than the lineage says by that time.
     #[must_use]
     pub fn lineage(&self, now: Instant) -> Lineage {
         let origin =
@@ -116,8 +118,8 @@ impl RequestLineage {
 }
 
 impl Reply {
-    /// The payload with what the cloud says of it, as a
-    /// [stamped cloud's](crate::Setup::use_stamped_cloud) response handler returns it.
+    /// Returns the payload with the timestamps that the cloud named, as the response handler of a
+    /// [stamped cloud](crate::Setup::use_stamped_cloud) returns it.
     #[must_use]
     pub fn stamped(self) -> StampedValue<Bytes> {
         let Self { payload, of, meant_for } = self;
@@ -130,7 +132,7 @@ impl Reply {
 pub struct InferClient(Grpc<Connection>);
 
 impl InferClient {
-    /// A client over this connection.
+    /// Creates a client over this connection.
     #[must_use]
     pub fn new(connection: Connection) -> Self {
         let grpc = Grpc::new(connection)
@@ -142,7 +144,7 @@ impl InferClient {
     /// Has a message computed.
     ///
     /// # Errors
-    /// The status from the server, or from the connection to it.
+    /// Returns the status from the server, or from the connection to it.
     pub async fn infer(
         &mut self,
         request: tonic::Request<Request>,
@@ -153,7 +155,7 @@ impl InferClient {
     /// Requests a description of what the server serves.
     ///
     /// # Errors
-    /// The status from the server, or from the connection to it; `Unimplemented` if the server
+    /// Returns the status from the server, or from the connection to it; `Unimplemented` if the server
     /// does not say.
     pub async fn describe(
         &mut self,
@@ -178,13 +180,13 @@ impl InferClient {
     }
 }
 
-/// What a cloud does with requests. When the caller gives up or its deadline passes, the future is
+/// Answers a cloud's requests. If the caller gives up or its deadline passes, the future is
 /// dropped.
 pub trait Infer: Send + Sync + 'static {
     /// Computes a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;
 
-    /// What the server serves, for clients that request it; by default there is no description.
+    /// Returns the description of what the server serves. By default there is none.
     fn describe(&self) -> Option<Description> {
         None
     }
@@ -228,7 +230,7 @@ impl<T: Infer> BoxedInfer for T {
 pub struct InferServer(Arc<dyn BoxedInfer>);
 
 impl InferServer {
-    /// A service that answers with `infer`.
+    /// Creates a service that answers with `infer`.
     #[must_use]
     pub fn new(infer: impl Infer) -> Self {
         Self(Arc::new(infer))

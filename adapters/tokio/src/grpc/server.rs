@@ -33,44 +33,48 @@ use crate::grpc::server::connection_handler::ConnectionHandler;
 use crate::grpc::server::limits::ServerLimits;
 use crate::grpc::token::{AuthCheck, Token};
 
-/// How long no connection is accepted after the system had no room for one more.
+/// The pause before the next connection is accepted after the system had no room for one.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Whom a server accepts, and what they may take; by default everybody, without TLS.
+/// Configures whom a server accepts, and what clients may take. By default it accepts everybody,
+/// without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct Server {
     /// The server's certificate; with it, the server uses TLS.
     pub identity: Option<Identity>,
-    /// The CA certificates, PEM, one of which must have signed the client's (mutual TLS); needs an identity.
+    /// The certificates of the CAs that may have signed a client's certificate, in PEM (mutual
+    /// TLS). Needs an identity.
     pub client_ca: Option<Vec<u8>>,
-    /// The token that each call must bear.
+    /// The token that each call must carry.
     pub token: Option<Token>,
-    /// What clients, known or not, may take of the server.
+    /// The bounds for all clients, known or not.
     pub bounds: Bounds,
 }
 
-/// Why nothing can be served.
+/// The reason why nothing can be served.
 #[derive(Debug, Error)]
 pub enum ServeError {
     /// Client certificates are required but the server has no identity.
-    #[error("asking for clients' certificates needs a certificate and key of the server's own")]
+    #[error(
+        "a server that asks for clients' certificates needs a certificate and a key of its own"
+    )]
     Identity,
     /// The certificates or the key cannot be used.
     #[error("the server's certificates: {0}")]
     Tls(#[source] crate::Error),
-    /// A certificate in a build without the feature `tls`.
+    /// This build lacks the feature `tls`, which a certificate needs.
     #[error("this build has no TLS for the server's certificates; build it with the feature tls")]
     NoTls,
 }
 
 /// Serves `infer` on `listener` until `until` is ready, then lets the calls under way end.
 ///
-/// A client that is refused, or whose connection is closed for what it does, is a warning in the log,
-/// with its address and the reason; of each reason one a second, with the number of the others. A system that has no
-/// room for a connection is a warning too: the server goes on with those that it has.
+/// The server logs a warning, with the address and the reason, if it refuses a client or closes a
+/// connection. It logs each reason once a second at most, with the number of the others. It also
+/// warns if the system has no room for another connection, and goes on with those that it has.
 ///
 /// # Errors
-/// If certificates cannot be used.
+/// Returns an error if the certificates cannot be used.
 pub async fn serve(
     infer: impl Infer,
     server: Server,
@@ -86,10 +90,11 @@ pub async fn serve(
     serve_with_incoming(infer, server, incoming, until).await
 }
 
-/// As [`serve`], on connections of any kind, each with the address that it counts for; ends with `incoming` too.
+/// Serves as [`serve`] does, on connections of any kind, each with the address that it counts for.
+/// Also ends when `incoming` ends.
 ///
 /// # Errors
-/// If certificates cannot be used.
+/// Returns an error if the certificates cannot be used.
 pub async fn serve_with_incoming<S>(
     infer: impl Infer,
     server: Server,

@@ -10,28 +10,29 @@ use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
 use tonic::{Request, Status};
 
-/// A bearer token that can be replaced while connections use it; clones share it.
+/// A bearer token that can be replaced while connections use it. Clones share it.
 #[derive(Clone)]
 pub struct Token(Arc<RwLock<MetadataValue<Ascii>>>);
 
-/// A token is empty or has characters other than visible ASCII.
+/// The token is empty or has characters other than visible ASCII.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 #[error("a token must be visible ASCII characters, at least one")]
 pub struct InvalidToken;
 
 impl Token {
-    /// A token of visible ASCII characters.
+    /// Creates a token of visible ASCII characters.
     ///
     /// # Errors
-    /// If it is empty or has other characters.
+    /// Returns an error if the token is empty or has other characters.
     pub fn new(token: &str) -> Result<Self, InvalidToken> {
         header(token).map(|header| Self(Arc::new(RwLock::new(header))))
     }
 
-    /// Replaces the token, for calls from now on.
+    /// Replaces the token for calls from now on.
     ///
     /// # Errors
-    /// If the new token is empty or has characters other than visible ASCII; the old one stays.
+    /// Returns an error if the new token is empty or has characters other than visible ASCII. The
+    /// old token then stays.
     pub fn replace(&self, token: &str) -> Result<(), InvalidToken> {
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = header(token)?;
         Ok(())
@@ -76,7 +77,7 @@ impl AuthCheck {
     }
 }
 
-/// Takes equally long wherever they differ, so that the time reveals nothing about the token.
+/// Takes equally long wherever they differ, so the time reveals nothing about the token.
 fn is_same<T: ConstantTimeEq>(shown: &[T], token: &[T]) -> bool {
     shown.ct_eq(token).into()
 }

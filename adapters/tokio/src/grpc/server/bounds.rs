@@ -1,36 +1,44 @@
-//! What clients may take of a server.
+//! Bounds on what clients may take from a server.
 
 use std::time::Duration;
 
-/// What clients may take of a server, whoever they are.
+/// Bounds what clients may take from a server, whoever they are.
 ///
-/// A client that reaches a bound is refused or its connection closed, with a warning in the log; the others are served
-/// on. The defaults accept some hundred vehicles, and hold the server under about 1 GB. One host cannot use up `connections`, a
-/// crowd of hosts can: that is the work of a firewall, or of certificates.
+/// A client that reaches a bound is refused or its connection is closed, with a warning in the log.
+/// The server goes on serving all others. The defaults accept some hundred vehicles and keep the
+/// server under about 1 GB. One host alone cannot use up `connections`. Many hosts together can, so
+/// use a firewall or certificates against them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Bounds {
-    /// Connections at once; 1024 by default. More are closed as they come.
+    /// The greatest number of connections at once; 1024 by default. Further connections are closed
+    /// as they come.
     pub connections: usize,
-    /// Connections at once from one address, or from one /64 of IPv6; 64 by default.
+    /// The greatest number of connections from one address, or from one /64 of IPv6, at once; 64 by
+    /// default.
     pub connections_each: usize,
-    /// Calls under way on one connection; 64 by default. A client waits before it makes more; one that does not is closed.
+    /// The greatest number of calls under way on one connection; 64 by default. A client must wait
+    /// before it makes another call, or its connection is closed.
     pub calls: u32,
-    /// Calls that one connection may cancel in a second; 1000 by default. Operators cancel those that are
-    /// no longer wanted (F7). A connection that cancels more is closed.
+    /// The greatest number of calls that one connection may cancel in a second; 1000 by default.
+    /// Operators cancel calls that are no longer wanted (F7). A connection that cancels more is
+    /// closed.
     pub resets: u32,
-    /// Bytes of a call's headers; 16 KiB by default. A call with more gets 431, and one that goes on is closed.
+    /// The greatest size of a call's headers, in bytes; 16 KiB by default. A call with more is
+    /// answered with 431, and a client that keeps sending is disconnected.
     pub header_bytes: u32,
-    /// Bytes of requests and replies that all connections together hold at once; 512 MiB by default.
-    /// A call that would need more fails with `RESOURCE_EXHAUSTED`, a reply is cut off.
+    /// The bytes of requests and replies that all connections together may hold at once; 512 MiB by
+    /// default. A call that would need more fails with `RESOURCE_EXHAUSTED`, and a reply is cut
+    /// off.
     pub held_bytes: usize,
-    /// How long a connection may take from the first byte, TLS included, to the first call that is accepted;
-    /// 10 s by default. After that it is closed.
+    /// The time from a connection's first byte, TLS included, to its first accepted call; 10 s by
+    /// default. After that it is closed.
     pub greeting: Duration,
-    /// How long a request may take to come whole, and a reply may wait until its next 64 KiB are taken;
-    /// 30 s by default. Then the request fails with `DEADLINE_EXCEEDED`, and the connection of the reply is closed.
+    /// The time for a whole request to arrive, and for a client to take the next 64 KiB of a reply;
+    /// 30 s by default. Then the request fails with `DEADLINE_EXCEEDED`, and the reply's connection
+    /// is closed.
     pub stall: Duration,
-    /// How long a connection may be without a call; 5 minutes by default. After that it is closed;
-    /// a [`Connection`] connects again by itself.
+    /// The time that a connection may be without a call; 5 minutes by default. After that it is
+    /// closed. A [`Connection`] connects again by itself.
     ///
     /// [`Connection`]: crate::grpc::Connection
     pub idle: Duration,

@@ -16,7 +16,7 @@ use crate::grpc::server::ServeError;
 /// identity.
 ///
 /// # Errors
-/// If a CA has no identity beside it, or certificates or key cannot be used.
+/// Returns an error if there is a CA without an identity, or if the certificates or the key cannot be used.
 pub(crate) fn acceptor(
     identity: Option<&Identity>,
     client_ca: Option<&[u8]>,

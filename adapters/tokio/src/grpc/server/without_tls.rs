@@ -20,7 +20,7 @@ impl TlsAcceptor {
 /// No acceptor.
 ///
 /// # Errors
-/// If there is an identity or a CA.
+/// Returns an error if there is an identity or a CA.
 pub(crate) const fn acceptor(
     identity: Option<&Identity>,
     client_ca: Option<&[u8]>,
