@@ -271,7 +271,7 @@ CASES_AROUND: dict[str, Arguments] = {
         Server,
         {"infer": echo},
         {
-            "client_ca": [(b"", ConfigError, "needs a certificate and key of the server's own")],
+            "client_ca": [(b"", ConfigError, "needs a certificate and a key of its own")],
             "token": [("", ConfigError, "visible ASCII")],
         },
         free="infer address identity description calls",

@@ -22,18 +22,20 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("fuseline")
 
-#: Blends an earlier chunk's action, or None, and a later one's; given also how many ticks ago the
-#: later chunk began, and the action sent last, or None.
+#: Blends an earlier chunk's action, or None, with a later chunk's. It also gets the number of ticks
+#: since the later chunk began, and the last action, or None.
 Blend: TypeAlias = Callable[[Any, Any, int, Any], Any]
 
 
 def fade(ticks: int, max_jump: float | None = None) -> Blend:
-    """Goes over from a chunk to the next within so many ticks.
+    """Blends from one chunk into the next within a number of ticks.
 
     Args:
-        ticks: In how many ticks the weight of the later chunk rises to 1. While it is less, the
-            value is of the earlier chunk's message, the oldest (D2).
-        max_jump: How far each number of an action may be from that of the action sent last.
+        ticks: The number of ticks in which the weight of the later chunk rises to 1. While it is
+            less, the value counts as computed from the earlier chunk's message, because that is the
+            oldest (D2).
+        max_jump: The greatest difference between a number of an action and the same number of the
+            last action.
 
     >>> blend = fade(2, max_jump=1.0)
     >>> blend([0.0], [3.0], 0, [0.5])  # the mean is 1.5

@@ -17,7 +17,7 @@ from fuseline._validation import ns
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: A trace: its bytes, the path of its file, or whatever gives its lines. Gzip is unpacked.
+#: A trace: its bytes, the path of its file, or an iterable of its lines. Gzip is unpacked.
 Traced: TypeAlias = bytes | str | PathLike[str] | Iterable[bytes] | Iterable[str]
 #: A duration: seconds as a float, a timedelta, or nanoseconds as `ns`. A plain int is refused.
 Duration: TypeAlias = float | timedelta | ns
@@ -27,9 +27,9 @@ Duration: TypeAlias = float | timedelta | ns
 class Violation:
     """Reports a decision that the rules do not demand, or a timestamp that they cannot explain."""
 
-    #: The line, counted from 1; where a decision is missing, the line after which it should stand.
+    #: The line, counted from 1. If a decision is missing, the line after which it should stand.
     line: int
-    #: The timestamp that it is about.
+    #: The timestamp.
     t: int | None
     #: The identifier of the rule or promise that is broken.
     rule: str
@@ -39,9 +39,9 @@ class Violation:
     found: str
     #: What the rules demand or allow.
     expected: str
-    #: Of an observed trace: by how much it came too late, in nanoseconds.
+    #: The time by which it came too late, in nanoseconds; only for observed traces.
     late: int | None = None
-    #: What happened to the timestamp so far: its last lines with their numbers.
+    #: The timestamp's last lines before it, with their numbers.
     story: tuple[str, ...] = ()
 
     def __str__(self) -> str:
@@ -54,7 +54,7 @@ class Violation:
         return "\n".join(lines + [f"  | {line}" for line in self.story])
 
 
-#: What the judge may not have seen; section 7 of SPEC.md says what each kind means.
+#: The kinds of doubt. Section 7 of SPEC.md defines each one.
 DoubtKind: TypeAlias = Literal[
     "unjudged",
     "unanswered",
@@ -70,17 +70,17 @@ DoubtKind: TypeAlias = Literal[
 
 @dataclass(frozen=True)
 class Doubt:
-    """Reports one kind of what the judge could not see."""
+    """Reports one kind of doubt: what the judge could not see."""
 
     #: The kind.
     kind: DoubtKind
-    #: How many messages, requests or lines it is about.
+    #: The number of messages, requests or lines in doubt.
     count: int
     #: What was found, in a sentence.
     found: str
-    #: The first message that it is about, if it is about messages.
+    #: The first message in doubt, if the doubt is about messages.
     t: int | None = None
-    #: Whether the kind is accepted.
+    #: True if the kind is accepted.
     accepted: bool = False
 
     def __str__(self) -> str:
@@ -89,7 +89,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Verdict:
-    r"""Says whether one trace conforms, and what does not.
+    r"""Holds the verdict on one trace, with its violations and doubts.
 
     >>> verdict = check(b'{"fuseline":1,"window":16,"clouds":[]}\n')
     >>> verdict.conforms, verdict.judged
@@ -101,23 +101,23 @@ class Verdict:
 
     #: The name that the trace was given.
     file: str
-    #: Whether the rules explain all of it and nothing is in doubt that is not accepted.
+    #: True if the trace breaks no rule, and every doubt is accepted.
     conforms: bool
-    #: How many timestamps were judged.
+    #: The number of timestamps that were judged.
     judged: int
-    #: How many lines the trace has, the header's too.
+    #: The number of lines, with the header.
     lines: int
-    #: What does not conform, up to 100.
+    #: The violations, up to 100.
     violations: tuple[Violation, ...] = ()
-    #: How many violations more there are.
+    #: The number of further violations.
     more: int = 0
     #: What the judge could not see.
     doubts: tuple[Doubt, ...] = ()
-    #: Of an observed trace: the one cause that explains most violations, if there is one.
+    #: The one cause that explains most violations of an observed trace, if there is one.
     cause: str | None = None
 
     def accepting(self, *kinds: DoubtKind) -> Verdict:
-        """Returns the same verdict, with these kinds of doubt accepted.
+        """Returns the same verdict with these kinds of doubt accepted.
 
         Raises:
             ValueError: if there is no such kind.
@@ -175,9 +175,9 @@ class Verdict:
         return f"{head}<table>{''.join(rows)}</table>{more}"
 
     def to_arrow(self) -> pa.Table:
-        """Returns a table: a row for each violation, or one row if there is none.
+        """Returns a table with a row for each violation, or one row if there is none.
 
-        So tables of many files put together have at least one row for each.
+        So a table of many files has at least one row for each file.
 
         Raises:
             ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
@@ -208,16 +208,16 @@ def check(
 ) -> Verdict:
     """Judges a trace strictly: every decision must be the one that the rules demand.
 
-    Files and lines are read while they are judged, in bounded memory. Other threads run meanwhile,
-    and Ctrl-C ends it.
+    Files and lines are judged while they are read, in bounded memory. Other threads run meanwhile,
+    and Ctrl-C ends the judging.
 
     Args:
         trace: The trace's bytes, the path of its file, or an iterable of its lines, either all with
             their line ends or all without. Gzip is unpacked.
         name: Its name in the verdict and in errors; by default its path.
-        ended: Whether the run is known to be over. Then each timer that was due is overdue, also
-            after the trace's end, and a message that waits for local alone is in doubt
-            (``unfinished``).
+        ended: True if the run is known to be over. Then each timer that has not fired is overdue,
+            even if it is due after the trace's end, and a message that waits only for local is in
+            doubt (``unfinished``).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
@@ -252,17 +252,17 @@ def check_observed(
     Args:
         trace: The trace, as for `check`.
         tolerance: The error of every recorded instant, either way.
-        lateness: How long after its due instant a timer is served, and after its decision an
-            output leaves.
+        lateness: The greatest delay of a timer after its due instant, and of an output after its
+            decision.
         tolerances: The errors of single sources' instants, by the source's name: ``local`` or the
             cloud's.
         name: Its name in the verdict and in errors; by default its path.
-        ended: Whether the run is known to be over, as for `check`.
-        period: How often a message opens; a longer gap is a violation (J1).
+        ended: True if the run is known to be over, as for `check`.
+        period: The time from one message to the next. A longer gap is a violation (J1).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
-        ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
+        ReadError: if it cannot be read to its end, or is out of order by more than the tolerance.
         OSError: if its file cannot be opened or read.
         ValueError: if the trace has no source of a name in ``tolerances``, or there is no such
             kind of doubt.
@@ -305,12 +305,12 @@ def report(
 
     Args:
         traces: The traces, each as for `check`, or one list of paths.
-        page: Where the page goes. It is written once all traces are read; what was there before
-            stays as it is until then.
-        names: What the traces are called, one for each; by default their paths.
+        page: The page's path. The page is written once all traces are read, and replaces an
+            existing file only then.
+        names: The traces' names, one for each; their paths by default.
         tolerance: The error of recorded instants. With it, and ``lateness``, the traces are judged
             as `check_observed` does, else strictly.
-        lateness: How late timers and outputs may be.
+        lateness: The greatest delay of timers and outputs.
         tolerances: The errors of single sources' instants, by name, as for `check_observed`.
 
     Returns:
@@ -319,9 +319,9 @@ def report(
     Raises:
         ReadError: if a trace cannot be read to its end.
         OSError: if a trace cannot be opened or read, or the page cannot be written.
-        ValueError: if there is no trace, a list of paths beside others, only one of tolerance and
-            lateness, another number of names than of traces, or tolerances of no source or without
-            a tolerance of all others.
+        ValueError: if there is no trace, a list of paths beside other traces, only one of tolerance
+            and lateness, or a different number of names than of traces; or if ``tolerances`` names
+            no source, or is given without a tolerance for all others.
     """
     each = _each_trace(traces)
     if not each:

@@ -4,6 +4,19 @@
 
 It is also the shortest example of a driver for `Fusion`, because it makes every line from the
 machine's typed answers.
+
+>>> from io import BytesIO
+>>> lines = BytesIO(b'''{"fuseline":1,"window":16,"clouds":[]}
+... {"ev":"open","at":0,"t":1}
+... {"ev":"result","at":5,"t":1,"p":0}
+... ''')
+>>> out = BytesIO()
+>>> serve(lines, out)
+>>> print(out.getvalue().decode(), end="")
+{"ev":"done"}
+{"ev":"done"}
+{"ev": "emit", "at": 5, "t": 1, "p": 0}
+{"ev":"done"}
 """
 
 from __future__ import annotations

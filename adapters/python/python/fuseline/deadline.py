@@ -1,7 +1,7 @@
 """Chooses deadlines: which one is safe, and which one is worth it.
 
-A policy chooses the deadline of each request to one cloud, at most what the message handler says,
-and learns how each call ended. Keep one for each cloud, and give it to `Operator.use_cloud`:
+A policy chooses the deadline of each request to one cloud, at most the message handler's, and
+learns how each call ended. Keep one policy for each cloud, and pass it to `Operator.use_cloud`:
 
 >>> guard = Guard(Parameters(deceleration=(7.0, 8.0)))
 >>> expected = Expected(Impact(guard.parameters), local_response=0.3017, probe_every=16)
@@ -10,10 +10,10 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 Reason.PROBE
 
 `SPEC.md`, section 9, has the conditions, and the book's chapter *Deadlines that are safe*
-(`docs/book/src/verified/deadlines.md`) the proofs. Durations that go in, figures too, are a
-timedelta, seconds as a float, or nanoseconds as `fuseline.ns`; a plain int is refused, and what
-comes out is `ns`. Other figures are numbers in m, m/s and m/s². A figure that is not plausible,
-such as milliseconds given as seconds, is refused with the range that it may have.
+(`docs/book/src/verified/deadlines.md`) the proofs. Arguments that are durations are a timedelta,
+seconds as a float, or nanoseconds as `fuseline.ns`; a plain int is refused. Results that are
+durations are `ns`. Other figures are numbers in m, m/s and m/s². An implausible figure, such as
+milliseconds given as seconds, is refused, and the error states its range.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from fuseline import _fuseline
 from fuseline._judge import Duration
 from fuseline._validation import ns
 
-#: A number, or, if it is not known exactly, the least and the greatest that it may be.
+#: A number, or its least and its greatest value if it is not known exactly.
 Figure: TypeAlias = float | tuple[float, float]
-#: A duration, or the shortest and the longest that it may be.
+#: A duration, or the shortest and the longest one if it is not known exactly.
 Time: TypeAlias = Duration | tuple[Duration, Duration]
 
 __all__ = [
@@ -73,42 +73,42 @@ class End(_Word):
     ANSWERED = "answered"
     #: It failed: no result will come.
     FAILED = "failed"
-    #: It was given up: its result would have come later.
+    #: It was given up before its result came.
     CENSORED = "censored"
 
 
 class Reason(_Word):
-    """Says why a deadline is in force."""
+    """Names the reason for a deadline."""
 
-    #: It never changes.
+    #: The deadline is constant.
     CONSTANT = "constant"
-    #: The guard allows no more.
+    #: The guard allows no longer deadline.
     GUARD = "guard"
-    #: It costs least, by what was observed.
+    #: This deadline has the least mean loss, by what was observed.
     EXPECTED = "expected"
-    #: This message waits as long as allowed, to see what longer deadlines would bring.
+    #: This message waits as long as allowed, to observe how late results are.
     PROBE = "probe"
-    #: The cap is in force.
+    #: The cap is shorter than the deadline that the policy would choose.
     CAP = "cap"
 
 
 class Case(_Word):
-    """Says which case of the guard holds."""
+    """Names the case of the guard that holds."""
 
-    #: Local alone surely stops, with time to spare.
+    #: Local alone certainly stops, with time to spare.
     LOCAL_STOPS = 1
-    #: Local alone surely does not stop, and the cloud still might.
+    #: Local alone certainly does not stop, and the cloud still might.
     CLOUD_ALONE = 2
-    #: Neither is sure; nothing may be later than local alone.
+    #: Neither is certain, so no output may be later than local alone.
     UNSURE = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Tells a policy what it may know when it is asked."""
+    """Describes the vehicle's situation at the time of a decision."""
 
     #: The vehicle's speed from this message's capture until it could brake for it, in m/s. If it is
-    #: not a speed, nothing is known and nothing is risked.
+    #: not a speed, the policy treats the situation as unknown and takes no risk.
     speed: Figure = math.nan
     #: The distance to the nearest place from which something may come into sight, in metres.
     reveal: float | None = None
@@ -118,74 +118,75 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Holds a deadline, and says why it was chosen."""
+    """Holds a deadline and the reason for it."""
 
     #: The deadline.
     deadline: ns
-    #: Why it was chosen.
+    #: The reason for the deadline.
     reason: Reason
     #: The guard's case, if the reason is the guard.
     case: Case | None = None
-    #: The mean loss of a message, if that is the reason.
+    #: The mean loss of a message, if the reason is the loss.
     loss: float | None = None
 
 
 class Policy(Protocol):
-    """Chooses the deadlines of one cloud's requests; write your own, or take those here."""
+    """Chooses the deadlines of one cloud's requests. Write your own, or use one of this module."""
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
         """Returns the deadline of the request that is about to be made, at most ``cap``."""
 
     def ended(self, end: End, age: Duration) -> None:
-        """Learns that a call ended, and its age then: the time since its message was taken in."""
+        """Notes that a call ended, with its age: the time since its message was accepted."""
 
 
 @dataclass(frozen=True)
 class Hazard:
     """Describes a class of hazards, such as standing motorcycles."""
 
-    #: How far away local begins to report it, in metres.
+    #: The distance from which local begins to report the hazard, in metres.
     range_local: Figure = 39.0
-    #: How far away the cloud begins to report it, in metres; no less far than local.
+    #: The distance from which the cloud begins to report the hazard, in metres; no less than
+    #: local's.
     range_cloud: Figure = 57.0
-    #: How much it counts among the classes; only for losses.
+    #: The weight of this class among all classes. Only losses use it.
     weight: float = 1.0
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Describes the vehicle, its sources and the hazards; by default the paper's traffic jam."""
+    """Describes the vehicle, its sources and the hazards; the paper's traffic jam by default."""
 
-    #: Full braking, in m/s².
+    #: The deceleration of full braking, in m/s².
     deceleration: Figure = 7.5
-    #: From the decision to brake until the brakes act.
+    #: The time from the decision to brake until the brakes act.
     brake_delay: Time = 0.1
-    #: How many frames in a row must report an obstacle before the vehicle brakes.
+    #: The number of frames in a row that must report an obstacle before the vehicle brakes.
     frames: int = 3
     #: The time between two frames that local takes.
     period_local: Time = 1.0 / 30.0
     #: The time between two frames that the cloud takes.
     period_cloud: Time = 1.0 / 30.0
-    #: From a frame's capture until local's result.
+    #: The time from a frame's capture until local's result.
     local_response: Time = 0.3017
-    #: How much later than capture + deadline an output may leave.
+    #: The greatest delay of an output after capture + deadline.
     lateness: Duration = 0.005
     #: The distance to keep from an obstacle where local alone stops anyway, in metres.
     margin: float = 2.0
-    #: What may be on the road: one to eight classes.
+    #: The classes of hazards on the road, one to eight.
     hazards: tuple[Hazard, ...] = (Hazard(),)
 
 
-#: Whose result an output is: that of the computation on board, or of the cloud in question.
+#: The source of an output: the computation on board, or the cloud whose deadline is chosen.
 Whose: TypeAlias = Literal["local", "cloud"]
-#: What an output costs, in any unit; less is better. Where it is not a number, no deadline is
-#: chosen for its sake.
+#: The loss of an output, in any unit. Less is better. A deadline whose loss is NaN is not chosen
+#: for that loss.
 Loss: TypeAlias = Callable[[Situation, Whose, ns], float]
 
 
 class _Priced:
     def __call__(self, situation: Situation, source: Whose, response: Duration) -> float:
-        """Returns what an output of a source costs, ``response`` after its message's capture."""
+        """Returns the loss of an output of a source, ``response`` after its message's capture."""
         return _fuseline.loss(self, situation, source, response)  # type: ignore[arg-type]
 
 
@@ -212,17 +213,17 @@ class Accuracy(_Priced):
     local: float
     #: The cloud's accuracy.
     cloud: float
-    #: What a millisecond costs, in the unit of accuracy.
+    #: The price of a millisecond, in the unit of accuracy.
     price_per_ms: float
 
 
 @dataclass(frozen=True)
 class BoxDetector:
-    """Says how well a detector of boxes does on single frames."""
+    """Describes how well a detector of boxes does on single frames."""
 
-    #: Its accuracy where a box counts that overlaps by half, such as its AP50.
+    #: The detector's accuracy if a box must overlap by half, such as its AP50.
     accuracy: float
-    #: By how much its boxes that count overlap in the mean (IoU), 0.5 to 1.
+    #: The mean overlap of its right boxes (IoU), 0.5 to 1.
     overlap: float
 
 
@@ -235,11 +236,11 @@ class _StreamLoss(_Priced):
 
 @dataclass(frozen=True)
 class Assessment:
-    """Holds what the guard found for a situation."""
+    """Holds the guard's assessment of a situation."""
 
-    #: How long after capture local's results surely suffice to stop, in seconds.
+    #: The time after capture until which local's results certainly suffice to stop, in seconds.
     budget_local: float
-    #: How long after capture the cloud's results may suffice to stop, in seconds.
+    #: The time after capture until which the cloud's results may suffice to stop, in seconds.
     budget_cloud: float
     #: The case.
     case: Case
@@ -249,11 +250,11 @@ class Assessment:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Counts calls that were seen until the same age."""
+    """Counts the calls that were observed until the same age."""
 
     #: The age.
     response: ns
-    #: Whether the results came at that age; otherwise they had not come by then.
+    #: True if the results came at that age. Otherwise they had not come by then.
     is_answered: bool
     #: How many calls.
     count: int
@@ -272,7 +273,7 @@ class Step(NamedTuple):
 
 class _Capping:
     def cap(self, policy: Policy) -> Policy:
-        """Returns a policy with this policy's deadline as the cap of another's."""
+        """Returns a policy that chooses the other policy's deadline under this policy's cap."""
         return Capped(self, policy)  # type: ignore[arg-type]
 
 
@@ -308,10 +309,11 @@ class Constant(_Capping):
 class Guard(_Capping):
     """Chooses the longest deadline with which fusion hits nothing that local alone would not (T2).
 
-    Any shorter one keeps that guarantee, so it also holds for every policy that the guard caps.
+    Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard
+    caps.
 
     Raises:
-        DeadlineError: for the first figure that makes no sense (T7).
+        DeadlineError: for the first figure that is not plausible (T7).
 
     >>> Guard().judge(Situation(speed=11.0)).deadline / 1e9
     2.4253...
@@ -344,16 +346,17 @@ class Guard(_Capping):
 class Expected(_Capping):
     """Chooses the deadline of least mean loss, by how the last 64 calls ended (T3).
 
-    It can be pickled, and what it knows of the cloud goes along; of that the copy forgets the
-    quickest calls first. It knows nothing of safety: let a `Guard` cap it. One message in
-    ``probe_every`` waits as long as the cap allows, beginning with the first (T6). Give None if
-    calls linger: then their true ends are known, and there is nothing to probe. An operator refuses
-    None without a ``linger``: it would never wait for a cloud again that was gone.
+    This policy knows nothing of safety: let a `Guard` cap it. One message in ``probe_every`` waits
+    as long as the cap allows, beginning with the first (T6). Give None if calls linger, because
+    their true ends are then known. An operator refuses None without a ``linger``: the policy would
+    never again wait for a cloud that was gone. A pickled copy keeps the observations, and forgets
+    the quickest calls first.
 
     Args:
-        loss: What an output costs: `Impact`, `Accuracy`, or a function of the situation, the
-            source ("local" or "cloud") and the response. What a function raises, ``decide`` raises.
-        local_response: How long local takes.
+        loss: The loss of an output: `Impact`, `Accuracy`, or a function of the situation, the
+            source ("local" or "cloud") and the response. ``decide`` raises the function's
+            exceptions.
+        local_response: The time that local takes.
         probe_every: 1 to 64, or None.
 
     Raises:
@@ -378,7 +381,7 @@ class Expected(_Capping):
 
     @property
     def probe_every(self) -> int | None:
-        """Returns how many messages have one probe among them, or None."""
+        """Returns the number of messages that contain one probe, or None."""
         return self._made_of[2]
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
@@ -390,7 +393,7 @@ class Expected(_Capping):
         self._expected.ended(end.value, age)
 
     def observations(self) -> list[Observation]:
-        """Returns what is known of the cloud: by response, answered calls before those given up."""
+        """Returns the observed calls, ordered by response, answered ones before given up ones."""
         return [
             Observation(ns(age), is_answered, count)
             for age, is_answered, count in self._expected.observations()
@@ -398,18 +401,19 @@ class Expected(_Capping):
 
 
 class Streaming(Expected):
-    """Chooses the deadline of least mean loss in a stream, of which the newest output is in force.
+    """Chooses the deadline of least mean loss in a stream whose newest output is in force.
 
-    An output costs accuracy, and what the world moves until the next one: by the last 64 speeds of
-    boxes, given to `moved`. While no speed is known, nothing moves. Under progressive waiting costs
-    nothing, so give no speeds. The derivation is that of `fuseline_deadline::Streaming`.
+    An output loses accuracy as the world moves until the next output. The policy estimates that
+    from the last 64 speeds of boxes that `moved` got. While no speed is known, nothing moves. Under
+    progressive, waiting costs nothing, so give no speeds. `fuseline_deadline::StreamLoss` has the
+    derivation.
 
     Args:
-        local: How well what is sent otherwise does: the computation on board, or, under patient, a
-            cloud of a lower priority.
-        cloud: How well the cloud does.
+        local: The quality of the alternative: the computation on board, or, under patient, a cloud
+            of a lower priority.
+        cloud: The quality of the cloud.
         period: The time between two frames.
-        local_response: How long what is sent otherwise takes.
+        local_response: The time that the alternative takes.
         probe_every: 1 to 64, or None.
 
     Raises:
@@ -448,10 +452,10 @@ class Streaming(Expected):
         self.moved(speeds)
 
     def moved(self, speeds: Iterable[float]) -> None:
-        """Learns how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
+        """Notes how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
 
-        A speed is in sizes of the box a second: ``|vx| / width + |vy| / height``. What is no speed
-        is ignored.
+        A speed is in sizes of the box per second: ``|vx| / width + |vy| / height``. A number that
+        is not a speed is ignored.
         """
         speeds = list(speeds)
         self._expected.moved(speeds)
@@ -483,7 +487,7 @@ class Observations:
         self._observations.add(end.value, age)
 
     def sorted(self) -> list[Observation]:
-        """Returns what is remembered: by response, answered calls before those given up."""
+        """Returns the calls, ordered by response, with answered calls before those given up."""
         return [
             Observation(ns(age), is_answered, count)
             for age, is_answered, count in self._observations.sorted()
@@ -499,7 +503,7 @@ class Observations:
 
 
 class Capped(_Capping):
-    """Chooses a policy's deadline under the cap of another; made by ``cap``."""
+    """Chooses a policy's deadline under the cap of another policy. Made by ``cap``."""
 
     def __init__(self, cap: Policy, policy: Policy) -> None:
         self._cap, self._policy = cap, policy
@@ -511,19 +515,19 @@ class Capped(_Capping):
         return limit if chosen.reason is Reason.CAP else chosen
 
     def ended(self, end: End, age: Duration) -> None:
-        """Tells both policies how the call ended."""
+        """Passes the end of the call to both policies."""
         self._cap.ended(end, age)
         self._policy.ended(end, age)
 
 
 class Called(_Capping):
-    """Makes a policy that learns nothing of a plain function of situation and cap."""
+    """Makes a policy of a plain function of situation and cap. It learns nothing."""
 
     def __init__(self, function: Callable[[Situation, ns], Duration]) -> None:
         self._function = function
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """Returns what the function says, or the cap if that is shorter."""
+        """Returns the function's deadline, or the cap if that is shorter."""
         cap = _fuseline.nanoseconds(cap)
         return Constant(self._function(situation, cap)).decide(situation, cap)
 

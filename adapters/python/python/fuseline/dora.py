@@ -139,6 +139,26 @@ class FusionNode:
         ConfigError: if the dataflow lacks one of the node's inputs or outputs, or there is no such
             operator.
         TimeError: if a duration is invalid.
+
+    >>> class Node:  # stands for dora.Node, with a detector on board
+    ...     def __init__(self):
+    ...         frame = {"type": "INPUT", "id": "input", "value": "a frame", "metadata": {}}
+    ...         self.events = [frame]
+    ...     def node_config(self):
+    ...         inputs = ["input", "local_result"]
+    ...         return {"inputs": inputs, "outputs": ["output", "local_request"]}
+    ...     def next(self, timeout=None):
+    ...         return self.events.pop(0) if self.events else {"type": "STOP"}
+    ...     def drain(self):
+    ...         return []
+    ...     def send_service_request(self, output_id, data, metadata=None):
+    ...         result = {"type": "INPUT", "id": "local_result", "value": "a van"}
+    ...         self.events.append(result | {"metadata": {"request_id": "1"}})
+    ...         return "1"
+    ...     def send_output(self, output_id, data, metadata=None):
+    ...         print(output_id, data, metadata)
+    >>> asyncio.run(FusionNode(Node(), {}).serve())
+    output a van {'fuseline.source': 'local'}
     """
 
     def __init__(

@@ -60,8 +60,7 @@ class Forecast:
         self._velocities: list[tuple[float, float] | None] = []
 
     def update(self, at: float, boxes: Sequence[Box]) -> list[float]:
-        """Updates the forecast with the boxes of a frame that was captured at an instant, in
-        seconds.
+        """Updates the forecast with the boxes of a frame, captured at an instant in seconds.
 
         Boxes of the same instant replace the previous ones, as a revision does. Boxes of an earlier
         instant are ignored.

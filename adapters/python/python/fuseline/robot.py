@@ -328,8 +328,7 @@ class Always:
             self._is_guessed, self._like = True, form_of(action)
 
     def _read(self, chunk: Chunk | None) -> Callable[[Any], Any]:
-        """Returns the function that makes and checks the actions of a reply, in the remote policy's
-        thread."""
+        """Returns the function that makes and checks the actions of a reply."""
 
         def one(reply: Any) -> Any:
             self._check(reply)

@@ -52,6 +52,22 @@ class TimeSynchronizer:
         clock: Returns whole nanoseconds that never go back.
         timer: Calls a function once after the given seconds, and returns a function that cancels
             the call; a steady timer of the node by default.
+
+    >>> class Subscriber:  # stands for message_filters.Subscriber
+    ...     def registerCallback(self, callback):
+    ...         self.receive = callback
+    >>> left, right = Subscriber(), Subscriber()
+    >>> synchronizer = TimeSynchronizer(
+    ...     None,  # the node, which is used only for its timer
+    ...     {"left": left, "right": right},
+    ...     wait=0.02,
+    ...     key=lambda message: message["stamp"],
+    ...     timer=lambda seconds, function: lambda: None,
+    ... )
+    >>> synchronizer.registerCallback(lambda joined: print(joined.set, joined.missing))
+    >>> left.receive({"stamp": 7, "data": "a van"})
+    >>> right.receive({"stamp": 7, "data": "a bicycle"})
+    {'left': {'stamp': 7, 'data': 'a van'}, 'right': {'stamp': 7, 'data': 'a bicycle'}} []
     """
 
     def __init__(

@@ -69,8 +69,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return self._start + self._jumping.jumped
 
     def time_ns(self) -> int:
-        """Returns the loop's time in whole nanoseconds, for the ``clock`` of a
-        `fuseline.Operator`."""
+        """Returns the loop's time in nanoseconds, for the ``clock`` of a `fuseline.Operator`."""
         return round(self.time() * 1e9)
 
     def call_at(  # type: ignore[override]

@@ -11,12 +11,12 @@ r"""Judges fleets: one function from a trace's path to rows of a table, for any 
 >>> row.drive, row.operator, row.conforms, row.lines
 ('drive-7', 'lanes', True, 4)
 
-`fuseline.fleet.ray` and `fuseline.fleet.spark` give it to their engines. `SUMMARIES` asks SQL of
-the table, `report` makes a page of it.
+`fuseline.fleet.ray` and `fuseline.fleet.spark` run it on these engines. `SUMMARIES` has SQL queries
+for the table, and `report` makes a page of it.
 
-A trace has one row of its own, which has no ``rule``, and one more for each violation, up to 100. A
-trace that cannot be read, or not to its end, has one row with its ``error``. Counts stand in a
-trace's own row alone, so that sums over the table are right.
+A trace has one row of its own, without a ``rule``, and one more for each violation, up to 100. A
+trace that cannot be read to its end has one row with its ``error``. Only a trace's own row has
+counts, so sums over the table are right.
 """
 
 from __future__ import annotations
@@ -50,10 +50,9 @@ class Output(NamedTuple):
     p: int
     #: Its name.
     source: str
-    #: How long the outputs took, from the message until they left: at most this, and at most a
-    #: 32nd less.
+    #: The greatest time from the message to the output, in seconds. It is exact to a 32nd.
     seconds: float
-    #: How many there are.
+    #: The number of outputs.
     items: int
 
 
@@ -62,40 +61,40 @@ class Row(NamedTuple):
 
     #: The trace's path, as it was given.
     file: str
-    #: The drive that it is of: by default the file's name up to its first dot.
+    #: The drive to which the trace belongs; the file's name up to its first dot by default.
     drive: str
     #: The operator's name, as the trace has it.
     operator: str | None
-    #: Whether the rules explain all of it and nothing is in doubt that is not accepted; a trace
-    #: that cannot be read does not conform.
+    #: True if the trace breaks no rule, and every doubt is accepted. A trace that cannot be read
+    #: does not conform.
     conforms: bool
-    #: How it was judged: ``strict``, or ``observed`` with its tolerance and lateness.
+    #: The way of judging: ``strict``, or ``observed`` with tolerance and lateness.
     manner: str
     #: The digest of the judge: SHA-256 of the compiled extension that judged it.
     judge: str
-    #: Why it cannot be read.
+    #: The reason why it cannot be read.
     error: str | None = None
-    #: How many timestamps were judged.
+    #: The number of timestamps that were judged.
     judged: int | None = None
-    #: How many lines it has.
+    #: The number of lines.
     lines: int | None = None
-    #: From its first instant to its last.
+    #: The seconds from its first instant to its last.
     seconds: float | None = None
-    #: How many messages came.
+    #: The number of messages.
     messages: int | None = None
-    #: How many of them had no result in time.
+    #: The number of messages without a result in time.
     missed: int | None = None
-    #: How many of them were not taken in.
+    #: The number of messages that were not accepted.
     refused: int | None = None
-    #: The outputs, by source and by how long they took.
+    #: The outputs, by source and by time.
     outputs: list[Output] | None = None
-    #: How many violations it has, those without a row too.
+    #: The number of violations, with those that have no row.
     violations: int | None = None
-    #: The kinds of doubt about it that are not accepted, such as ``silent, coarse``.
+    #: The kinds of doubt that are not accepted, such as ``silent, coarse``.
     doubts: str | None = None
-    #: Of a violation: its line, counted from 1.
+    #: The violation's line, counted from 1.
     line: int | None = None
-    #: Its timestamp.
+    #: The violation's timestamp.
     t: int | None = None
     #: The rule or promise that is broken.
     rule: str | None = None
@@ -103,7 +102,7 @@ class Row(NamedTuple):
     found: str | None = None
     #: What the rules demand or allow.
     expected: str | None = None
-    #: By how many seconds it came too late, of an observed trace.
+    #: The seconds by which it came too late; only for observed traces.
     late: float | None = None
 
 
@@ -116,25 +115,25 @@ def judge(
     open: Callable[[str], BinaryIO] | None = None,  # noqa: A002
     accept: Sequence[DoubtKind] = (),
 ) -> list[Row]:
-    """Judges one trace as it is read, in bounded memory, whatever its length.
+    """Judges one trace while it is read, in bounded memory.
 
-    Gzip, zstd and MCAP are unpacked on the way. It never raises for a trace: one that cannot be
-    read is a row that says why.
+    Gzip, zstd and MCAP are unpacked on the way. A trace that cannot be read raises nothing: its row
+    has the reason.
 
     Args:
         path: The trace's path.
         tolerance: The error of recorded instants. With it, and ``lateness``, the trace is judged
             as `fuseline.check_observed` does, else strictly.
-        lateness: How late timers and outputs may be.
-        drive: Which drive a path belongs to.
-        open: Opens what is at a path, in mode ``rb``: for stores that are no file system, such as
-            ``lambda path: fsspec.open(path).open()``.
+        lateness: The greatest delay of timers and outputs.
+        drive: Returns the drive to which a path belongs.
+        open: Opens a path in mode ``rb``, for stores that are not a file system, such as ``lambda
+            path: fsspec.open(path).open()``.
         accept: Kinds of doubt to take as they are; see `fuseline.Verdict.accepting`.
 
     Raises:
         ValueError: if only one of tolerance and lateness is given, or there is no such kind of
             doubt.
-        TimeError: if one of them is none.
+        TimeError: if one of them is not a duration.
     """
     manner, within = _manner(tolerance, lateness)
     check_kinds(accept)
@@ -187,7 +186,7 @@ def judge_all(paths: Iterable[Path_], **how: Any) -> pa.Table:
 
 
 def schema() -> pa.Schema:
-    """Returns the columns of the table, for pyarrow: those of `Row`.
+    """Returns the columns of the table for pyarrow, which are the fields of `Row`.
 
     Raises:
         ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
@@ -198,7 +197,7 @@ def schema() -> pa.Schema:
 
 
 def report(rows: Path_, page: Path_, *, title: str = "Fleet") -> None:
-    """Makes a page of the rows that are kept in Parquet, for a browser; it needs no network.
+    """Makes a page of rows in Parquet, for a browser. The page needs no network.
 
     Args:
         rows: A Parquet file, a folder of them, or a pattern such as ``verdicts/*.parquet``.
@@ -207,7 +206,7 @@ def report(rows: Path_, page: Path_, *, title: str = "Fleet") -> None:
 
     Raises:
         ImportError: if duckdb is not there: ``pip install fuseline[fleet]``.
-        ValueError: if there are no such rows.
+        ValueError: if there are no rows.
         OSError: if the page cannot be written.
     """
     from fuseline.fleet._page import write
