@@ -27,7 +27,7 @@ const PERIOD: Duration = Duration::from_millis(100);
 const WANTED_WITHIN: Duration = Duration::from_millis(500);
 /// When a call counts as slow: in good coverage one in a hundred takes longer.
 const HEDGE_AFTER: Duration = Duration::from_millis(150);
-/// What of a drive is played.
+/// The part of a drive that is played.
 const LONGEST: Duration = Duration::from_secs(600);
 const TURNS: usize = 5;
 
@@ -83,7 +83,7 @@ struct RecordedTrips {
     samples: Vec<(Duration, Option<Duration>)>,
 }
 
-/// What came of some drives.
+/// The results of some drives.
 #[derive(Default)]
 struct AnswerFigures {
     /// Each frame's: how long it took, and its AP in tenths.
@@ -118,7 +118,7 @@ fn main() {
     }
 }
 
-/// One turn through all drives.
+/// One pass through all drives.
 fn drive_all(detectors: DetectorUse, longest: Duration) -> AnswerFigures {
     let mut all = AnswerFigures::default();
     for (name, columns) in DRIVES {

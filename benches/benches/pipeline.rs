@@ -129,7 +129,7 @@ impl Operator for NextHop {
 
 async fn with_operators(pace: ChainPace) -> Vec<Duration> {
     let (mut writer, input) = stream(64);
-    // What the hops downstream take.
+    // The latency of the hops downstream.
     let config = |hop: u32| Config {
         reserve: vec![Latency::stated((pace.hops - hop) * Duration::from_millis(1))],
         ..Config::default()

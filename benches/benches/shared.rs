@@ -140,7 +140,7 @@ const fn is_forwarded(outcome: &Outcome<3>) -> bool {
     matches!(outcome, Outcome::Forwarded { .. })
 }
 
-/// What was measured of one machine with so many threads.
+/// The measurements of one machine with this number of threads.
 #[derive(Default)]
 struct Figures {
     /// Calls in a second, a turn each.

@@ -20,7 +20,7 @@ const LONG: Duration = Duration::from_secs(10);
 /// How a bench's sources take their time; local's first, then the clouds'.
 #[derive(Clone, Copy)]
 pub struct Pace {
-    /// What the table says of it.
+    /// Its row of the table.
     pub name: &'static str,
     /// How many messages a turn has.
     pub messages: u64,

@@ -1,4 +1,4 @@
-//! What a vehicle with three clouds sees on recorded drives, as inputs of a trace.
+//! Makes the inputs of a vehicle with three clouds on recorded drives.
 
 use std::collections::BTreeMap;
 

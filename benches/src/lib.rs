@@ -1,4 +1,4 @@
-//! What the benches share: the machines compared and the arrivals they are given.
+//! The parts that the benches share: the machines, and their inputs.
 
 pub mod adapter;
 pub mod arrivals;

@@ -1,4 +1,4 @@
-//! What can be given a trace's inputs and counts its decisions.
+//! A machine that takes a trace's inputs and counts its decisions.
 
 use fuseline_core::{
     Admission, At, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,

@@ -13,7 +13,7 @@ use fuseline_testkit::Rng;
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
 
-/// What is timed, and what the open timestamps have seen before.
+/// The timed inputs, and the earlier inputs of the open timestamps.
 #[derive(Clone, Copy, Debug)]
 #[expect(missing_docs, reason = "an input and what comes of it")]
 pub enum BenchKind {

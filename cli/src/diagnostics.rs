@@ -1,4 +1,4 @@
-//! What the command prints on standard error, and which options it tells the user to change.
+//! Prints on standard error, and names the options to change.
 
 use std::fmt;
 use std::io::{self, Write};

@@ -22,7 +22,7 @@ pub(crate) struct Emulation {
     pub(crate) model: Model,
     /// The network on the way to it.
     pub(crate) drive: Drive,
-    /// Where in the drive the emulation begins.
+    /// The time of the drive at which the emulation begins.
     pub(crate) start: Duration,
     /// Seeds the spread of its runtimes.
     pub(crate) seed: u64,

@@ -1,4 +1,4 @@
-//! What stops a command, in one line: what and where, and a remedy.
+//! An error that stops a command, in one line: the problem, its place, and the remedy.
 
 use std::error::Error;
 use std::io;
@@ -44,13 +44,13 @@ impl Fault {
         Self::Own(Box::new(error))
     }
 
-    /// Whether the reader of the output has gone away, which is no error.
+    /// Returns `true` if the reader of the output has gone away, which is no error.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }
 }
 
-/// What helps where a file cannot be written.
+/// Returns the remedy for a file that cannot be written.
 fn room(source: &io::Error) -> &'static str {
     match source.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {

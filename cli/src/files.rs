@@ -54,7 +54,7 @@ pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// What a file holds instead.
+/// The content that was found instead.
 fn hint(found: &[u8]) -> &'static str {
     if CertificateDer::from_pem_slice(found).is_ok() {
         " (this is a certificate)"

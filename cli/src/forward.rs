@@ -37,7 +37,7 @@ const BREATH: Duration = Duration::from_millis(100);
 /// A recorded network; its time begins with the first call.
 pub(crate) struct RecordedNetwork {
     drive: Drive,
-    /// Where in the drive it begins.
+    /// The time of the drive at which it begins.
     start: Duration,
     began: OnceLock<Instant>,
 }
@@ -170,7 +170,7 @@ where
 
 /// A frame or the end.
 type FrameOrEnd = Option<Result<Frame<Bytes>, Status>>;
-/// One that is on its way, with the instant of its arrival.
+/// A frame on its way, with the instant of its arrival.
 type DelayedFrame = (Instant, FrameOrEnd);
 
 /// The other end of [`on_the_way`].

@@ -30,7 +30,7 @@ fn to_text(text: &StyledStr) -> String {
     unwrapped(&without_marks(&text.to_string()))
 }
 
-/// Without backticks, and without the angle brackets around URLs.
+/// Removes backticks, and the angle brackets around URLs.
 fn without_marks(text: &str) -> String {
     let mut left = String::new();
     let mut rest = text;

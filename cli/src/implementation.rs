@@ -10,7 +10,7 @@ use crate::decide::AnnotatedAnswers;
 use crate::exit::Exit;
 use crate::fault::Fault;
 
-/// What ends an answer.
+/// The line that ends an answer.
 const DONE: &[u8] = b"{\"ev\":\"done\"}\n";
 /// How much is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;

@@ -1,4 +1,4 @@
-//! What is read: files, or standard input for `-`.
+//! Reads files, or standard input for `-`.
 
 use std::fs::{File, Metadata};
 use std::io::{self, Read};
@@ -21,23 +21,23 @@ pub(crate) fn name(path: &Path) -> String {
     if is_standard(path) { "stdin".to_owned() } else { path.display().to_string() }
 }
 
-/// Whether a path stands for standard input, or output.
+/// Returns `true` if a path stands for standard input, or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// What is known of the file that an input is read from.
+/// The identity of the file from which an input is read.
 pub(crate) fn metadata(path: &Path) -> Option<Metadata> {
     if is_standard(path) { of_stream(io::stdin()) } else { path.metadata().ok() }
 }
 
-/// What is known of the file behind a standard stream.
+/// Returns the identity of the file behind a standard stream.
 #[cfg(unix)]
 pub(crate) fn of_stream(stream: impl std::os::fd::AsFd) -> Option<Metadata> {
     File::from(stream.as_fd().try_clone_to_owned().ok()?).metadata().ok()
 }
 
-/// What is known of the file behind a standard stream: nothing on this system.
+/// Returns `None`, because this system does not identify the file behind a standard stream.
 #[cfg(not(unix))]
 pub(crate) fn of_stream<S>(_: S) -> Option<Metadata> {
     None

@@ -64,15 +64,15 @@ Exit codes:
 
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 
-/// Runs an operator that forwards the best result available by each message's deadline, replays its
-/// inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
+/// Runs an operator that sends the best result available by each message's deadline, replays its
+/// inputs, and judges its trace or another implementation. Without a command it does `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Whether to print colours: auto is where standard output is a terminal.
+    /// When to print colours: auto prints them if standard output is a terminal.
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto", display_order = 1000)]
     color: ColorChoice,
 }
@@ -83,7 +83,7 @@ enum Command {
     Run(run::Args),
     /// Measure the network to a server as the paper's drive did, and record it as a drive.
     Probe(probe::Args),
-    /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
+    /// Serve one emulated model over one recorded network, for `fuseline run` on another computer.
     Serve(serve::Args),
     /// Read a header and inputs, and write the trace with the decisions that the core makes.
     Replay(replay::Args),
@@ -157,7 +157,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// What is logged: `RUST_LOG` as `level` or `target=level,…`; none if it is not set or says nothing of that form.
+/// Returns the filter of the log: `RUST_LOG` as `level` or `target=level,…`, or `None` if it is not set or has another
+/// form.
 fn log_filter() -> Option<Targets> {
     std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty())?.parse().ok()
 }

@@ -57,7 +57,7 @@ impl EmulatedLink {
     /// A message that a queue has taken is sent, also if its call is given up.
     async fn pass(&self, direction: LinkDirection, bytes: usize) -> bool {
         let Some(takes) = self.0.send(direction, bytes as u64) else { return false };
-        // Without a limit there is nothing to wait for, not even a tick of the timer.
+        // Without a limit it waits for nothing, not even a tick of the timer.
         if !takes.is_zero() {
             match Instant::now().checked_add(takes) {
                 Some(through) => sleep_until(through).await,

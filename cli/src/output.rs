@@ -20,14 +20,14 @@ use crate::sink::OutputSink;
 /// The file that is being written, and not yet whole.
 static UNFINISHED: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// Where a command writes; never one of the files that it reads.
+/// The destination of a command's output, which is never a file that it reads.
 pub(crate) struct Output {
     name: String,
     target: Target,
     overwrite: Overwrite,
 }
 
-/// What an output is.
+/// The kind of an output.
 enum Target {
     Stdout,
     /// A file, links followed.
@@ -36,11 +36,11 @@ enum Target {
     Special(PathBuf),
 }
 
-/// What becomes of files that are there already.
+/// The treatment of existing files.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Overwrite {
-    /// Replace files that exist. Without it a file that is named is refused if it exists, and one that is not named
-    /// gets a number.
+    /// Replace files that exist. Without it, an existing file that you name is refused, and a default file name gets
+    /// a number.
     #[arg(long)]
     pub(crate) force: bool,
 }
@@ -107,7 +107,7 @@ impl Output {
         &self.name
     }
 
-    /// Whether what is written goes to standard output.
+    /// Returns `true` if what is written goes to standard output.
     pub(crate) const fn is_stdout(&self) -> bool {
         matches!(self.target, Target::Stdout)
     }
@@ -207,7 +207,7 @@ fn numbered(name: &str, number: u64) -> PathBuf {
     }
 }
 
-/// Whether there is a device or a pipe.
+/// Returns `true` if there is a device or a pipe.
 fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
@@ -261,21 +261,21 @@ fn same(output: &Metadata, path: Option<&Path>, inputs: &[&Path]) -> Option<Stri
     inputs.iter().find(|input| is_same(input)).map(|input| input::name(input))
 }
 
-/// Whether two paths are one file, even by hard or symbolic links.
+/// Returns `true` if two paths are one file, even by hard or symbolic links.
 #[cfg(unix)]
 fn is_one(output: &Metadata, _: Option<&Path>, input: &Metadata, _: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     (output.dev(), output.ino()) == (input.dev(), input.ino())
 }
 
-/// Whether two paths are one file, even by symbolic links.
+/// Returns `true` if two paths are one file, even by symbolic links.
 #[cfg(not(unix))]
 fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bool {
     let [output, input] = [output, Some(input)].map(|path| path?.canonicalize().ok());
     output.is_some() && output == input
 }
 
-/// What is written, in a file without a name.
+/// The output, in a file without a name.
 fn gathered(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<File, Fault> {
     let mut out = BufWriter::new(tempfile::tempfile().map_err(Fault::Output)?);
     put(&mut out)?;
@@ -287,7 +287,7 @@ fn gathered(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Resu
 /// Gathers all first.
 fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<(), Fault> {
     let mut whole = gathered(put)?;
-    // Who reads no more still wants the exit code.
+    // A reader that has gone away still needs the exit code.
     let mut stdout = OutputSink::new(io::stdout().lock());
     io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
 }

@@ -15,13 +15,13 @@ use crate::fault::Fault;
 /// Which messages of a trace are meant; all of it is read.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct PartOptions {
-    /// Only messages that begin so long after the trace's first instant, such as 90s, or later.
+    /// Only messages that begin at this time after the trace's first instant, such as 90s, or later.
     #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
     from: Option<Duration>,
-    /// Only messages that begin before so long after the trace's first instant, such as 2m.
+    /// Only messages that begin before this time after the trace's first instant, such as 2m.
     #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
     to: Option<Duration>,
-    /// Only messages with these timestamps, the first and the last included; one of them may be left out.
+    /// Only messages with these timestamps, with the first and the last; either end may be omitted.
     #[arg(long, value_name = "FIRST..LAST", value_parser = timestamps)]
     timestamps: Option<(u64, u64)>,
 }
@@ -53,7 +53,7 @@ impl PartOptions {
         Ok((part != TraceRange::default()).then_some(part))
     }
 
-    /// What of a trace's events is meant, from its first one on.
+    /// Selects the events of a part of a trace, from its first one on.
     pub(crate) fn filter(&self) -> Result<impl FnMut(&Event) -> bool + use<>, Fault> {
         let mut filter = self.part()?.map(PartFilter::new);
         Ok(move |event: &Event| filter.as_mut().is_none_or(|filter| filter.takes(event)))

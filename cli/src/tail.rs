@@ -22,7 +22,7 @@ const CHUNK: usize = 64 * 1024;
 pub(crate) struct Tail {
     file: File,
     interrupt: Interrupt,
-    /// What was read and not taken: whole lines first.
+    /// The bytes that were read and not used, whole lines first.
     held: Vec<u8>,
     /// How much of it was taken.
     consumed: usize,

@@ -83,7 +83,7 @@ pub(crate) fn print_doubts(found: &Findings, out: &mut impl Write) -> io::Result
     Ok(())
 }
 
-/// What `print_report` prints, without colours.
+/// Returns the output of `print_report`, without colours.
 pub(crate) fn plain(
     print_report: impl FnOnce(&mut anstream::StripStream<Vec<u8>>) -> io::Result<()>,
 ) -> String {

@@ -27,13 +27,13 @@ pub(crate) struct Vehicle {
     pub(crate) range_local: f64,
     pub(crate) range_cloud: f64,
     pub(crate) local_response: f64,
-    /// Whether local computes one frame at a time.
+    /// `true` if local computes one frame at a time.
     pub(crate) local_serial: bool,
     /// The obstacle is hidden while it is further away.
     pub(crate) reveal: Option<f64>,
 }
 
-/// Who answers.
+/// The answering source.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Approach {
@@ -52,7 +52,7 @@ pub(crate) enum Approach {
 pub(crate) struct ApproachRun<'a> {
     pub(crate) vehicle: &'a Vehicle,
     pub(crate) speed: f64,
-    /// Where the obstacle comes into the greater range, in frames after a capture.
+    /// The instant when the obstacle comes into the greater range, in frames after a capture.
     pub(crate) phase: f64,
     pub(crate) approach: Approach,
     /// The deadline of each request of *ours*.
@@ -120,7 +120,7 @@ impl Vehicle {
         })
     }
 
-    /// What policies know at this speed.
+    /// Returns the situation for policies at this speed.
     pub(crate) fn situation(&self, speed: f64) -> Situation<'static> {
         let reveal = self.reveal.map(Metres);
         Situation { reveal, ..Situation::at(MetresPerSecond(speed)) }
@@ -131,7 +131,7 @@ impl Vehicle {
         Self { range_local: self.range_cloud, local_response: response, ..self }
     }
 
-    /// Whether a source of this range reports an obstacle so far away.
+    /// Returns `true` if a source of this range reports an obstacle so far away.
     fn reports(&self, range: f64, gap: f64) -> bool {
         gap > 0.0 && gap <= range.min(self.reveal.unwrap_or(f64::INFINITY))
     }
@@ -185,7 +185,7 @@ impl ApproachRun<'_> {
         (end, decided)
     }
 
-    /// What the operator gets for the frame captured at this instant.
+    /// Returns the events of the frame captured at this instant.
     fn message(
         &self,
         at: u64,

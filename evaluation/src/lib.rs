@@ -54,7 +54,7 @@ enum ScenarioCommand {
     Arbitrage(arbitrage::Args),
 }
 
-/// Why a scenario cannot be played.
+/// The reason why a scenario cannot be played.
 #[derive(Debug, Error)]
 pub enum ScenarioError {
     /// A figure of the vehicle makes no sense.
@@ -85,7 +85,7 @@ pub enum ScenarioError {
     /// A folder or a file in it cannot be written.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// What was found cannot be printed.
+    /// The result cannot be printed.
     #[error("standard output: {0}")]
     Output(io::Error),
 }

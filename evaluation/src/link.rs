@@ -64,7 +64,7 @@ impl LinkWidth {
 }
 
 impl RecordedLink<'_> {
-    /// Whether it has a limit in some way.
+    /// Returns `true` if it has a limit in some way.
     #[must_use]
     pub fn is_limited(&self) -> bool {
         [LinkDirection::Uplink, LinkDirection::Downlink]

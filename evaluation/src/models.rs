@@ -24,7 +24,7 @@ pub const REPLY_BYTES: usize = 1_000;
 pub struct Model {
     /// The model's name in the paper, or the user's.
     pub name: Cow<'static, str>,
-    /// What it runs on, if it is one of the paper's.
+    /// The device, if the model is one of the paper's.
     pub device: Option<Device>,
     /// How long the paper measured it to take there, or the user says.
     pub runtime: Duration,
@@ -33,7 +33,7 @@ pub struct Model {
     pub ap: Option<f64>,
 }
 
-/// What a model runs on.
+/// The device of a model.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Device {
     /// The vehicle's computer.
@@ -42,7 +42,7 @@ pub enum Device {
     A100,
 }
 
-/// Why there is no such model.
+/// The reason why there is no such model.
 #[derive(Debug, PartialEq, Error)]
 pub enum ModelError {
     /// It is unknown and has no runtime.
@@ -59,9 +59,9 @@ pub enum ModelError {
     Figure {
         /// Its name.
         key: &'static str,
-        /// What stands there.
+        /// The given value.
         value: String,
-        /// What may stand there.
+        /// The allowed values.
         wanted: String,
     },
     /// It is no figure of a model.
@@ -116,7 +116,7 @@ impl Model {
         least + Duration::from_nanos(strayed)
     }
 
-    /// Whether it takes as long as the paper measured.
+    /// Returns `true` if it takes as long as the paper measured.
     #[must_use]
     pub fn has_papers_runtime(&self) -> bool {
         let device = match self.device {

@@ -16,7 +16,7 @@ const NO_LIMIT: u64 = 1 << 20;
 /// A deadline that never ends.
 pub(crate) const UNLIMITED: u64 = u64::MAX;
 
-/// One message, and what would come of it, in nanoseconds.
+/// One message with the responses of its sources, in nanoseconds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScenarioMessage {
     /// When it comes.
@@ -41,7 +41,7 @@ pub(crate) struct CloudRequest {
 pub(crate) struct ScenarioOutput {
     pub(crate) at: u64,
     pub(crate) t: u64,
-    /// Whose result; none: the timestamp was missed.
+    /// The source of the result; `None` if the timestamp was missed.
     pub(crate) source: Option<u64>,
 }
 
@@ -52,7 +52,7 @@ pub(crate) struct ScenarioOperator {
     /// When which source's result comes; those of one instant in the order of their messages.
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
     outputs: Vec<ScenarioOutput>,
-    /// Whether offers say how many requests are under way.
+    /// `true` if offers say how many requests are under way.
     is_gated: bool,
     /// Requests that are neither answered nor given up.
     under_way: BTreeSet<u64>,
@@ -170,7 +170,7 @@ impl ScenarioOperator {
         std::mem::take(&mut self.outputs)
     }
 
-    /// Whether a message was refused, since so many were open as the window allows.
+    /// Returns `true` if a message was refused, since so many were open as the window allows.
     pub(crate) const fn is_full(&self) -> bool {
         self.is_full
     }

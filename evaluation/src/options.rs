@@ -11,7 +11,7 @@ use crate::approach::Vehicle;
 use crate::duration::{SHORTEST, duration, seconds};
 use crate::plot::{Folder, FolderError};
 
-/// What a scenario leaves.
+/// The output options of a scenario.
 #[derive(clap::Args)]
 pub(crate) struct OutputOptions {
     /// Print one JSON object with every figure and the parameters in force.

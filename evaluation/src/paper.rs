@@ -1,4 +1,4 @@
-//! What the paper says, from `paper.json`, to stand beside our own figures.
+//! Reads the paper's figures from `paper.json`, for comparison with ours.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;

@@ -1,6 +1,6 @@
 //! The planner of the paper's vehicle: it brakes once some consecutive frames report an obstacle.
 
-/// What is known of a timestamp.
+/// The state of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum FrameStatus {
     /// Its output has not come.

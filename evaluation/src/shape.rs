@@ -75,7 +75,7 @@ pub(crate) fn first_contact(
     None
 }
 
-/// Whether a straight line of sight from `from` to `to` meets the outline of a polygon.
+/// Returns `true` if a straight line of sight from `from` to `to` meets the outline of a polygon.
 pub(crate) fn is_hidden(polygon: &[Point], from: Point, to: Point) -> bool {
     edges(polygon).any(|edge| do_cross([from, to], edge))
 }
@@ -90,7 +90,8 @@ fn side([first, second]: [Point; 2], third: Point) -> f64 {
     (second[0] - first[0]) * (third[1] - first[1]) - (second[1] - first[1]) * (third[0] - first[0])
 }
 
-/// Whether two ways cross, each between its ends. What only touches does not: then an end lies on the other way.
+/// Returns `true` if two ways cross, each between its ends. What only touches does not: then an end
+/// lies on the other way.
 fn do_cross(one: [Point; 2], other: [Point; 2]) -> bool {
     let is_between =
         |line: [Point; 2], [from, to]: [Point; 2]| side(line, from) * side(line, to) < 0.0;

@@ -1,4 +1,4 @@
-//! What cargo says as JSON while it builds: programs, and where a source does not compile.
+//! Reads cargo's JSON while it builds: the programs, and the places that do not compile.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub(crate) fn take_program(message: &Value, programs: &mut Programs) {
     }
 }
 
-/// Where a message of the compiler points, from the root.
+/// The place of a compiler message, from the root.
 pub(crate) fn primary_places(message: &Value) -> Vec<(String, usize)> {
     let spans = message["spans"].as_array().into_iter().flatten();
     let primary = spans.filter(|span| span["is_primary"] == true);

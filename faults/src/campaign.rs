@@ -22,10 +22,10 @@ const PATIENCE: u32 = 4;
 const LEAST: Duration = Duration::from_secs(30);
 /// The most that one case of misuse has.
 const FOR_A_CASE: Duration = Duration::from_secs(120);
-/// What a witness has where nobody knows how long it takes.
+/// The time limit of a witness whose usual time is unknown.
 const PATIENT: Duration = Duration::from_secs(900);
 
-/// What to run, and how.
+/// The settings of a campaign.
 pub struct Campaign<'a> {
     /// The project.
     pub tree: &'a Tree,
@@ -39,7 +39,7 @@ pub struct Campaign<'a> {
     pub chosen: &'a BTreeSet<String>,
     /// The witnesses that must show each identifier, by kind.
     pub expected: &'a ExpectedWitnesses,
-    /// Whether each kind runs that could see a fault, and not only until two have caught it.
+    /// `true` if each kind runs that could see a fault, and not only until two have caught it.
     pub thorough: bool,
     /// How many witnesses run at once; at least 1.
     pub jobs: usize,
@@ -47,7 +47,7 @@ pub struct Campaign<'a> {
     pub stop: &'a AtomicBool,
 }
 
-/// Who caught a fault.
+/// The witnesses that caught a fault.
 #[derive(Clone, Debug, Default)]
 pub struct Catches {
     /// By kind: the witnesses that failed; an empty set is a kind that ran and caught nothing.
@@ -58,7 +58,7 @@ pub struct Catches {
     pub own_build: Option<String>,
 }
 
-/// What a campaign found.
+/// The results of a campaign.
 #[derive(Debug, Default)]
 pub struct CampaignFindings {
     /// The faults that ran, by name.
@@ -71,7 +71,7 @@ pub struct CampaignFindings {
     tries: BTreeMap<&'static str, (u32, u32)>,
 }
 
-/// What the witnesses of each kind did without a fault.
+/// The results of each kind's witnesses without a fault.
 type FaultlessRuns = BTreeMap<&'static str, WitnessRun>;
 
 impl Catches {
@@ -201,7 +201,7 @@ impl Campaign<'_> {
                 continue;
             }
             let sound = faultless.get(kind.name);
-            // Whatever takes longer without a fault is broken.
+            // A witness that takes longer without a fault is broken.
             let limit = sound.map_or(PATIENT, |sound| (sound.took * PATIENCE).max(LEAST));
             let case = fault.case.as_ref().map(|case| &*case.name);
             let trial = Trial {
@@ -231,8 +231,9 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Whether it only matters that this kind catches a fault, and not with which witness: two kinds have shown each of its
-    /// identifiers, and the expected witness of this kind has failed under a fault of each.
+    /// Returns `true` if it only matters that this kind catches a fault, and not with which
+    /// witness: two kinds have shown each of its identifiers, and the expected witness of this kind
+    /// has failed under a fault of each.
     fn is_settled(
         &self,
         kind: &WitnessKind,

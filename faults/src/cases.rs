@@ -23,7 +23,7 @@ pub(crate) const INTERFACES: [(&str, &str, &str); 2] = [
     ),
 ];
 
-/// One case of a program.
+/// A case of a program.
 pub(crate) struct ProgramCase {
     pub(crate) name: String,
     pub(crate) code: i32,
@@ -53,7 +53,7 @@ impl FaultyCopy<'_> {
                 seen.outcomes.insert(format!("{interface}::{}", of_interface.name), holds);
             }
         }
-        // What a case should not have written over.
+        // The file that a case should not have overwritten.
         self.restore("traces/corpus")
     }
 
@@ -122,7 +122,7 @@ impl ProgramCase {
         command
     }
 
-    /// Whether that is how it should end.
+    /// Returns `true` if that is how it should end.
     pub(crate) fn happens(&self, code: Option<i32>, printed: &str) -> bool {
         code == Some(self.code) && printed.contains(&self.said)
     }

@@ -10,7 +10,7 @@ use crate::error::FaultsError;
 use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
-/// Where the code that meets the rules is.
+/// The folders of the code that meets the rules.
 const CODE: [&str; 10] = [
     "core/src",
     "adapters/arbiter/src",
@@ -35,9 +35,9 @@ const CRATES: [(&str, &str); 9] = [
     ("fuseline_threads", "adapters/threads"),
     ("fuseline_traces", "traces"),
 ];
-/// Where tests of Python are.
+/// The folder of Python's tests.
 const PYTHON_TESTS: &str = "adapters/python/tests";
-/// Where other tests are.
+/// The folders of other tests.
 const TESTS: [&str; 9] = [
     "tests/tests",
     "tests/system/tests",
@@ -53,7 +53,7 @@ const TESTS: [&str; 9] = [
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
     regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTDJE]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
 });
-/// Where the harnesses of the proofs are, a file a group.
+/// The folder of the proof harnesses, with a file for each group.
 const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
@@ -131,7 +131,7 @@ pub(crate) fn cited(
     Ok(ids)
 }
 
-/// What a test's name, its documentation and its body cite.
+/// Returns the identifiers that a test's name, documentation and body cite.
 pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let mut parts: Vec<&str> = witness.split("::").collect();
     let name = parts.pop().unwrap_or_default();
@@ -146,7 +146,7 @@ pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<Strin
     Err(FaultsError::content(Path::new(witness), "no file has this test".to_owned()))
 }
 
-/// What the name, the documentation and the body of a test of Python cite.
+/// Returns the identifiers that the name, documentation and body of a Python test cite.
 pub(crate) fn cited_by_pytest(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let (module, name) = witness.split_once("::").unwrap_or((witness, ""));
     let file = format!("{PYTHON_TESTS}/{module}.py");
@@ -205,7 +205,7 @@ fn function(text: &str, name: &str) -> Option<String> {
     Some(lines[at - above..=at + below].join("\n"))
 }
 
-/// What a harness' name, its documentation and its body cite.
+/// Returns the identifiers that a harness's name, documentation and body cite.
 pub(crate) fn cited_by_harness(
     tree: &Tree,
     witness: &str,
@@ -220,7 +220,7 @@ pub(crate) fn cited_by_harness(
     Err(FaultsError::content(Path::new(HARNESSES), format!("no harness {witness} here")))
 }
 
-/// What a trace's name and its header cite.
+/// Returns the identifiers that a trace's name and header cite.
 pub(crate) fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let text = tree.text(&format!("traces/corpus/{witness}.jsonl"))?;
     let mut cited = identifiers(text.lines().next().unwrap_or_default());

@@ -1,9 +1,9 @@
-//! What can go wrong.
+//! The errors of a campaign.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a run says nothing.
+/// The reason why a run has no result.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FaultsError {
@@ -12,7 +12,7 @@ pub enum FaultsError {
     File {
         /// Which one.
         path: PathBuf,
-        /// What went wrong.
+        /// The error.
         source: io::Error,
     },
     /// A file does not say what it should.
@@ -20,7 +20,7 @@ pub enum FaultsError {
     Content {
         /// Which one.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The mistake.
         why: String,
     },
     /// A fault cannot be seeded.
@@ -28,7 +28,7 @@ pub enum FaultsError {
     Seed {
         /// Its name.
         name: String,
-        /// What is wrong with it.
+        /// The mistake.
         why: String,
     },
     /// The witnesses of a kind do not build or do not run.
@@ -36,9 +36,9 @@ pub enum FaultsError {
     Run {
         /// The witnesses, and the fault if there was one.
         what: String,
-        /// What is wrong.
+        /// The mistake.
         why: String,
-        /// What was printed.
+        /// The output.
         log: PathBuf,
     },
     /// The user wants it to end.

@@ -10,11 +10,11 @@ use crate::error::FaultsError;
 use crate::items::{Function, FunctionIndex};
 use crate::tree::{Tree, hex};
 
-/// Where they are kept: those of the machine, those around it, and those of the wheel.
+/// The files of the faults: of the machine, around it, and of the wheel.
 pub(crate) const FILES: [&str; 3] =
     ["faults/machine.toml", "faults/around.toml", "faults/python.toml"];
 
-/// What a fault changes, as it is written down.
+/// The change of a fault, as its file states it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WrittenFault {
@@ -24,10 +24,10 @@ struct WrittenFault {
     item: Option<String>,
     /// The file, where what it changes is in no function.
     file: Option<String>,
-    /// What occurs exactly once there.
+    /// The text that occurs exactly once there.
     find: String,
     replace: String,
-    /// Why it cannot share a build with the others.
+    /// The reason why it cannot share a build with other faults.
     own_build: Option<String>,
 }
 
@@ -50,13 +50,13 @@ pub struct SeededFault {
     pub function: Option<Function>,
     /// The bytes of the file that it replaces.
     pub at: Range<usize>,
-    /// What takes their place.
+    /// The replacement.
     pub replace: String,
-    /// Why it cannot share a build with the others.
+    /// The reason why it cannot share a build with other faults.
     pub own_build: Option<String>,
     /// The case of misuse that must fail, if it removes a guard.
     pub case: Option<MisuseCase>,
-    /// What it changes in other functions.
+    /// The changes in other functions.
     pub(crate) also: Vec<SeededFault>,
     pub(crate) find: String,
 }

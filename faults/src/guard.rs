@@ -14,7 +14,7 @@ const GUARDS: &str = "docs/safety/misuse-guards";
 /// Where a guard stands: the file, and the bytes of the body of its function, if it is in one.
 type Place = (String, Option<(usize, usize)>);
 
-/// What replaces what, in bytes of a file.
+/// A replacement, in bytes of a file.
 type Edit = (Range<usize>, String);
 
 /// All guards that can be removed, each as a fault that breaks its case.

@@ -235,7 +235,7 @@ impl Functions<'_> {
             let syn::Lit::Str(file) = &literal.lit else { return None };
             pair.path.is_ident("path").then(|| format!("{folder}/{}", file.value()))
         });
-        // What a proof includes of another crate is that crate's.
+        // Code of another crate that a proof includes belongs to that crate.
         if named.as_ref().is_some_and(|file| file.contains("..")) {
             return Ok(());
         }

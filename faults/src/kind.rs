@@ -16,7 +16,7 @@ use crate::tree::Tree;
 pub struct WitnessKind {
     /// Its name.
     pub name: &'static str,
-    /// What its witnesses are, for readers.
+    /// A description of its witnesses, for readers.
     pub title: &'static str,
     /// Which faults its witnesses could see.
     pub(crate) concerns: fn(&SeededFault) -> bool,
@@ -24,7 +24,7 @@ pub struct WitnessKind {
     pub(crate) programs: &'static [Program],
     /// How many tests of a program run at once: more than one where they wait.
     pub(crate) threads: &'static str,
-    /// Whether it ends at the first test that fails, since its tests take long.
+    /// `true` if it ends at the first test that fails, since its tests take long.
     pub(crate) stops: bool,
     /// Reads what a program printed.
     pub(crate) read: fn(&str, &str) -> Outcomes,
@@ -32,7 +32,7 @@ pub struct WitnessKind {
     pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, FaultsError>,
 }
 
-/// What is built together, with the same features and flags.
+/// The programs that are built together, with the same features and flags.
 #[derive(PartialEq, Eq, Debug)]
 pub(crate) struct BuildSuite {
     pub(crate) name: &'static str,
@@ -40,7 +40,7 @@ pub(crate) struct BuildSuite {
     pub(crate) packages: &'static [&'static str],
     /// Its tests.
     pub(crate) tests: &'static [&'static str],
-    /// What is built beside them, with a test so that all have the same features.
+    /// The programs that are built with them, with a test so that all have the same features.
     pub(crate) programs: &'static [&'static str],
     pub(crate) variables: &'static [(&'static str, &'static str)],
 }
@@ -58,17 +58,19 @@ impl WitnessKind {
         self.name.strip_suffix("-misuse")
     }
 
-    /// Whether its cases run the node among real peers.
+    /// Returns `true` if its cases run the node among real peers.
     pub(crate) fn is_among_peers(&self) -> bool {
         self.interface() == Some("ros2-run")
     }
 
-    /// Whether a case is chosen by a part of its name, so that others may run with it; each is named as it begins or ends.
+    /// Returns `true` if a case is chosen by a part of its name, so that others may run with it;
+    /// each is named as it begins or ends.
     pub(crate) fn takes_parts_of_names(&self) -> bool {
         self.is_among_peers() || self.suite.packages.is_empty()
     }
 
-    /// Whether its witnesses could see a fault: the cases of an interface only that a guard of theirs is gone.
+    /// Returns `true` if its witnesses could see a fault: the cases of an interface only that a
+    /// guard of theirs is gone.
     pub(crate) fn sees(&self, fault: &SeededFault) -> bool {
         match (&fault.case, self.interface()) {
             (Some(case), Some(interface)) => case.interface == interface,
@@ -94,13 +96,13 @@ pub enum Tier {
 }
 
 impl Tier {
-    /// Whether a kind of witness runs in it.
+    /// Returns `true` if a kind of witness runs in it.
     #[must_use]
     pub fn runs(self, kind: &WitnessKind) -> bool {
         self == Self::Full || all::builds_at_landing(kind)
     }
 
-    /// Whether a fault runs in it.
+    /// Returns `true` if a fault runs in it.
     #[must_use]
     pub fn has(self, fault: &SeededFault) -> bool {
         self == Self::Full || all::runs_at_landing(fault)

@@ -138,7 +138,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
         begin.elapsed().as_secs_f64(),
         table.single.len()
     );
-    // Who chose the kinds knows what is missing.
+    // A user who chose the kinds knows what is missing.
     let wrong = table.wrong.iter().filter(|_| args.kind.is_empty());
     let count = wrong.inspect(|line| eprintln!("{line}")).count();
     Ok(count == 0 && !findings.faults.is_empty())

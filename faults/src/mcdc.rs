@@ -29,7 +29,7 @@ This page shows that each condition in `core/src` and `adapters/c/src` can chang
 stand two tests that differ only in this condition and in the decision's outcome. T is true, F is false, and - is not evaluated, in
 the order of the conditions. [Seeded faults](evidence.md#conditions-of-the-core) explains the measurement.
 ";
-/// What the copy of the crate records with.
+/// The recorder in the copy of the crate.
 const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");
 /// Constant functions record as well: the compiler takes another way where it evaluates them itself.
 const UNSTABLE: &str =
@@ -173,7 +173,8 @@ impl McdcReport {
         )
     }
 
-    /// What is wrong: conditions that are neither shown nor explained, and explanations of what is shown or not there.
+    /// The mistakes: conditions that are neither shown nor explained, and explanations of shown or
+    /// missing conditions.
     #[must_use]
     pub fn gaps(&self) -> Vec<String> {
         let mut explained: Vec<&ExplainedCondition> = self.explained.iter().collect();

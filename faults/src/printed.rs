@@ -1,11 +1,11 @@
-//! What cargo printed when the witnesses of a kind ran.
+//! Reads cargo's output of a run of witnesses.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use regex::Regex;
 
-/// What a run printed, by witness: whether it held.
+/// The results of a run, by witness.
 pub(crate) type Outcomes = BTreeMap<String, bool>;
 
 /// Lines of the test harness. A test that began and never ended is red. In a program `all_…` a module is a file of tests,

@@ -85,7 +85,7 @@ pub(crate) fn rewrite(
     Ok(Rewritten { text: rewritten, copies })
 }
 
-/// Whether a fault can stand beside others in one build.
+/// Returns `true` if a fault can stand beside others in one build.
 #[must_use]
 pub fn can_share(fault: &SeededFault) -> bool {
     fault.own_build.is_none()

@@ -12,14 +12,14 @@ use crate::fault::SeededFault;
 use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
-/// Why an identifier may have fewer faults or kinds of witness than two.
+/// The reason why an identifier may have fewer than two faults or kinds of witness.
 const GAPS: &str = "faults/gaps.toml";
 /// The witnesses that must be there.
 const WITNESSES: &str = "faults/witnesses.toml";
 /// How many faults and kinds of witness each identifier has.
 pub(crate) const ENOUGH: usize = 2;
 
-/// What shows the rules and promises, with whatever is wrong.
+/// The evidence for the rules and promises, with the mistakes.
 #[derive(Debug, Serialize)]
 pub struct Table {
     /// A row an identifier, in the order of the specification.
@@ -30,11 +30,11 @@ pub struct Table {
     pub gaps: BTreeMap<String, String>,
     /// Faults that one kind alone catches.
     pub single: Vec<String>,
-    /// What must be put right.
+    /// The mistakes that must be corrected.
     pub wrong: Vec<String>,
 }
 
-/// What shows one rule, promise or ambiguity.
+/// The evidence for one rule, promise or ambiguity.
 #[derive(Debug, Serialize)]
 pub struct PromiseRow {
     /// Its identifier.
@@ -47,22 +47,22 @@ pub struct PromiseRow {
     pub witnesses: BTreeMap<&'static str, BTreeSet<String>>,
     /// The faults that violate it.
     pub faults: Vec<String>,
-    /// Whether all of them ran.
+    /// `true` if all of them ran.
     pub is_whole: bool,
 }
 
-/// One fault with who caught it.
+/// A fault with the witnesses that caught it.
 #[derive(Debug, Serialize)]
 pub struct FaultRow {
     /// Its name.
     pub name: String,
-    /// What it violates.
+    /// The identifiers that it breaks.
     pub breaks: BTreeSet<String>,
     /// By kind: the witnesses that failed. Empty if it did not run.
     pub caught_by: BTreeMap<&'static str, BTreeSet<String>>,
     /// The kinds whose time was up.
     pub out_of_time: BTreeSet<&'static str>,
-    /// Why it had a build of its own, if it had.
+    /// The reason why it had a build of its own, if it had one.
     pub own_build: Option<String>,
 }
 

@@ -114,7 +114,7 @@ impl Tree {
         Ok(())
     }
 
-    /// What git keeps, new files included.
+    /// The files that git tracks, and new ones.
     fn listed_files(&self) -> Result<BTreeMap<String, Vec<u8>>, FaultsError> {
         let listed = Command::new("git")
             .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])

@@ -43,7 +43,7 @@ pub(crate) struct FaultyCopy<'a> {
 /// The programs of a suite, by package and target, each with the folder in which it runs.
 pub(crate) type Programs = BTreeMap<(String, String), (PathBuf, PathBuf)>;
 
-/// What a build came to.
+/// The result of a build.
 pub(crate) enum Built {
     Programs(Programs),
     /// It does not compile at these places, each a file with a byte.
@@ -58,7 +58,7 @@ pub(crate) struct Trial<'a> {
     /// The one case of misuse that runs.
     pub(crate) case: Option<&'a str>,
     pub(crate) limit: Duration,
-    /// Whether it ends at the first witness that fails.
+    /// `true` if it ends at the first witness that fails.
     pub(crate) stops: bool,
     /// The faults that each program came to without a fault. A program that never came to this one is left out.
     pub(crate) reached: Option<&'a ReachedFaults>,
@@ -67,13 +67,13 @@ pub(crate) struct Trial<'a> {
 /// By target of a program: the numbers of the faults whose functions it called.
 pub(crate) type ReachedFaults = BTreeMap<&'static str, BTreeSet<u32>>;
 
-/// What the witnesses of a kind did.
+/// The results of a kind's witnesses.
 #[derive(Default)]
 pub(crate) struct WitnessRun {
     pub(crate) outcomes: Outcomes,
     pub(crate) is_out_of_time: bool,
     pub(crate) took: Duration,
-    /// What its programs came to, if they ran without a fault.
+    /// The results of its programs, if they ran without a fault.
     pub(crate) reached: ReachedFaults,
 }
 
@@ -347,7 +347,7 @@ impl FaultyCopy<'_> {
         command
     }
 
-    /// What a program prints until it ends, and its exit code; none if its time was up.
+    /// Returns a program's output and its exit code, or `None` if its time was up.
     pub(crate) fn print(
         &self,
         command: &mut Command,
@@ -387,7 +387,7 @@ impl FaultyCopy<'_> {
         Ok((printed, ended))
     }
 
-    /// What cargo prints until it ends.
+    /// Returns cargo's output.
     fn until_ended(&self, mut child: std::process::Child) -> Result<String, FaultsError> {
         let mut out = child.stdout.take();
         let reader = thread::spawn(move || {

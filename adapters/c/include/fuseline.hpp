@@ -540,21 +540,20 @@ class Held {
   std::size_t lost_ = 0;
 };
 
-// Has the functions that an operator's sink may leave out. Derive from it. The sink must have two functions,
+// Has the functions that an operator's sink may omit. Derive from it. The sink must have two functions,
 // or its operator does not compile:
 //
 //     void forward(Timestamp, Priority, Value);  // the last or only output of a message: send it
 //     void miss(Timestamp);                      // the message has no output
 //
 // Each message leads to one call of one of the two. Name the sink's own type in the operator, because nothing
-// here is virtual. A base of the sink is refused unless it has virtual functions or, if the operator only
-// ever saw the base, unless the base has the two functions itself.
+// here is virtual. The base of a sink is refused, except in two cases: it has virtual functions, or it has
+// the two functions itself and the operator never saw the derived type.
 //
 // Under Commit::progressive a sink needs two more functions. Without them the operator is not made:
 // FUSELINE_STATUS_COMMIT.
 //
-//     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow, then forward or
-//     final
+//     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow
 //     void final(Timestamp, Priority);               // the last value that was sent is final
 template <class Value>
 struct Sink {

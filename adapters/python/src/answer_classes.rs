@@ -65,12 +65,12 @@ impl AnswerClasses {
         })
     }
 
-    /// So many nanoseconds.
+    /// Creates a duration of this many nanoseconds.
     pub(crate) fn ns(&self, py: Python<'_>, nanos: u64) -> PyResult<Py<PyAny>> {
         self.ns.call1(py, (nanos,))
     }
 
-    /// Whether this says that it is in nanoseconds.
+    /// Returns `true` if this says that it is in nanoseconds.
     pub(crate) fn is_ns(&self, object: Borrowed<'_, '_, PyAny>) -> bool {
         object.get_type().is(&self.ns)
     }

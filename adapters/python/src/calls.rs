@@ -29,7 +29,7 @@ pub(crate) struct PyCalls {
     /// The package's `Driver`.
     driver: Py<PyAny>,
     clock: Py<PyAny>,
-    /// Whether the clock is `time.monotonic_ns`, so that durations can be measured without it.
+    /// `true` if the clock is `time.monotonic_ns`, so that durations can be measured without it.
     is_monotonic: bool,
     start: u64,
     now: AtomicU64,
@@ -46,13 +46,13 @@ pub(crate) struct PyCalls {
     waiting: Py<PyList>,
     lineages: Py<PyDict>,
     states: Py<PyList>,
-    /// Whether each item goes through the driver.
+    /// `true` if each item goes through the driver.
     handles_items: bool,
     is_deciding: AtomicBool,
     is_closed: AtomicBool,
     is_last: AtomicBool,
     is_over: AtomicBool,
-    /// What the timer is set to.
+    /// The instant to which the timer is set.
     armed: AtomicU64,
 }
 
@@ -107,7 +107,7 @@ impl PyCalls {
         })
     }
 
-    /// What the clock read at the start.
+    /// The clock's reading at the start.
     #[getter]
     fn start(&self) -> u64 {
         self.start
@@ -173,7 +173,7 @@ impl PyCalls {
         self.is_closed.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it ends now: not if it has ended, nor in the midst of an input, which then is the last one.
+    /// Returns `true` if it ends now: not if it has ended, nor in the midst of an input, which then is the last one.
     fn stop(&self) -> bool {
         if self.is_deciding.load(Ordering::Relaxed) {
             self.is_last.fetch_or(!self.is_over(), Ordering::Relaxed);
@@ -182,7 +182,7 @@ impl PyCalls {
         !self.is_over.swap(true, Ordering::Relaxed)
     }
 
-    /// Whether it has ended.
+    /// Returns `true` if it has ended.
     #[getter]
     fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
@@ -428,7 +428,7 @@ impl PyCalls {
     }
 }
 
-/// Whether a plain value is none that holds others.
+/// Returns `true` if a plain value is none that holds others.
 fn is_unchangeable(value: &Bound<'_, PyAny>) -> bool {
     !value.is_exact_instance_of::<PyList>()
         && !value.is_exact_instance_of::<PyDict>()

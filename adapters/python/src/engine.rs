@@ -32,10 +32,10 @@ use crate::time::Nanos;
 
 /// An engine whose values and requests are Python's.
 type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
-/// What it wants done.
+/// The effects of an input.
 pub(crate) type EngineEffect = engine::Effect<Py<PyAny>, Py<PyAny>>;
 
-/// What a message comes from, as `fuseline.Lineage` has it, with its age.
+/// A message's lineage, as in `fuseline.Lineage`, with its age.
 pub(crate) type LineageFields =
     (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 
@@ -45,7 +45,7 @@ type CloudBounds<'py> = (usize, u64, Nanos, Option<Bound<'py, PyAny>>);
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyEngine {
-    /// None once it has finished.
+    /// `None` once it has finished.
     inner: Mutex<Option<EngineState>>,
     effects: Effects,
     /// When the clock read 0, as far as ages count from it.
@@ -54,7 +54,7 @@ pub(crate) struct PyEngine {
     interrupt: PendingException,
     /// How long the operators downstream take.
     reserve: Vec<Latency>,
-    /// Whether it writes a trace.
+    /// `true` if it writes a trace.
     #[pyo3(get)]
     is_recording: bool,
 }
@@ -141,7 +141,7 @@ impl PyEngine {
         })
     }
 
-    /// What policies know of the vehicle from now on.
+    /// Sets the situation for policies from now on.
     fn set_situation(&self, situation: SituationFields) -> PyResult<()> {
         let (situation, _) = situation.split();
         self.with(|inner| inner.set_situation(situation))
@@ -173,7 +173,7 @@ impl PyEngine {
 }
 
 impl PyEngine {
-    /// What a message that is taken in at `at` comes from.
+    /// Returns the lineage of a message that is accepted at `at`.
     fn lineage(&self, at: u64, (stream, seq, age, within, missing): LineageFields) -> Lineage {
         let now = self.start.checked_add(Duration::from_nanos(at));
         let captured =
@@ -245,7 +245,7 @@ impl PyEngine {
         self.apply(|inner| inner.tick(at))
     }
 
-    /// What is to be done next; nothing once it has finished.
+    /// Returns the next effect, or `None` once it has finished.
     pub(crate) fn next_effect(&self) -> PyResult<Option<EngineEffect>> {
         Ok(self.locked()?.as_mut().and_then(next_wanted))
     }

@@ -1,4 +1,4 @@
-//! One trace of a fleet: judged and counted as it is read, once.
+//! Judges and counts one trace of a fleet in a single pass.
 
 use pyo3::prelude::*;
 

@@ -66,7 +66,7 @@ pub(crate) fn check(
     })
 }
 
-/// What is known of a run beside its trace.
+/// The facts about a run besides its trace.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct KnownRun {
     /// It is over: what was due is overdue.

@@ -1,4 +1,5 @@
-//! What stands between operators: joins, order, and how long operators take. The engine decides; the package owns clocks and streams.
+//! The parts between operators: joins, order, and latencies. The engine decides; the package has
+//! clocks and streams.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Where traces come from: bytes, files, and whatever gives lines.
+//! Reads traces from bytes, files and iterables of lines.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// How many bytes are read at once, and gathered from lines.
 const CHUNK: usize = 64 * 1024;
 
-/// Where a trace is to be read from.
+/// The source of a trace.
 enum TraceSource {
     Bytes(PyBackedBytes),
     File(PathBuf),
@@ -124,7 +124,7 @@ impl Read for Stream {
 /// Lines of an iterator, gathered while the interpreter is held.
 struct IteratorLines {
     from: Py<PyIterator>,
-    /// Whether lines bear their own ends, which the first one shows.
+    /// `true` if lines bear their own ends, which the first one shows.
     ends: Option<bool>,
     held: Vec<u8>,
     taken: usize,

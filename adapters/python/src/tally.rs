@@ -1,4 +1,4 @@
-//! What came out of an operator, counted from its trace in bounded memory.
+//! Counts an operator's outputs from its trace, in bounded memory.
 
 use std::collections::BTreeMap;
 

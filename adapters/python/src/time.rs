@@ -38,7 +38,7 @@ impl<'py> FromPyObject<'_, 'py> for Number {
             return Err(not_whole(object));
         }
         if !object.is_instance_of::<PyInt>() {
-            // What stands for an int, such as numpy's own.
+            // Accepts objects that act as an int, such as numpy's.
             let index = object.call_method0("__index__").map_err(|_| not_whole(object))?;
             return number(index.as_borrowed());
         }

@@ -1,4 +1,4 @@
-//! The command line, with ROS 2's arguments in it.
+//! Reads the node's command line, with ROS 2's arguments in it.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use thiserror::Error;
 use crate::names::{Remap, RemapError};
 use crate::parameters::{Assignment, ParameterError};
 
-/// What `--help` prints.
+/// The text of `--help`.
 pub const HELP: &str = "\
 Adds cloud assistance to a ROS 2 graph: forwards one result for each message, the best that has
 come by its deadline.
@@ -36,24 +36,24 @@ Exit codes:
   130  ended by a second signal
 ";
 
-/// The command line.
+/// The node's command line.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Arguments {
-    /// What to do.
+    /// The action to take.
     pub action: Action,
-    /// Remapping rules, in order.
+    /// The remapping rules, in order.
     pub remaps: Vec<Remap>,
-    /// Parameter files, in order.
+    /// The parameter files, in order.
     pub files: Vec<PathBuf>,
-    /// Parameters, in order.
+    /// The parameters, in order.
     pub assignments: Vec<Assignment>,
-    /// Levels and the loggers that they are for, in order; none is all loggers.
+    /// The levels and the loggers that they are for, in order; `None` means all loggers.
     pub log_levels: Vec<(Option<String>, Level)>,
-    /// Whether logs are also published.
+    /// `true` if logs are also published.
     pub rosout: bool,
 }
 
-/// What to do.
+/// The action that the command line asks for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Action {
     /// Run the node.
@@ -66,7 +66,7 @@ pub enum Action {
     Version,
 }
 
-/// How severe what is logged must be.
+/// The least severe level that is logged.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Level {
     /// Debug and above: everything.
@@ -81,7 +81,7 @@ pub enum Level {
     Fatal,
 }
 
-/// What is wrong with the command line.
+/// The reason why the command line is refused.
 #[derive(Debug, Error)]
 pub enum ArgumentError {
     /// There is no such option.
@@ -104,7 +104,7 @@ pub enum ArgumentError {
     Remap {
         /// The argument.
         argument: String,
-        /// Why.
+        /// The reason.
         source: RemapError,
     },
     /// A parameter cannot be read.
@@ -119,7 +119,7 @@ impl Arguments {
     /// Reads the arguments, without the program's name.
     ///
     /// # Errors
-    /// The first bad argument, unless `--help` or `--version` comes before it.
+    /// Returns the first bad argument, unless `--help` or `--version` comes before it.
     pub fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Self, ArgumentError> {
         let mut args = args.into_iter().map(|arg| arg.into_string().map_err(ArgumentError::Text));
         let mut all = Self {

@@ -32,7 +32,7 @@ use channels::known;
 /// Local's index among the sources.
 const LOCAL: usize = 0;
 
-/// What one node receives and sends.
+/// The transport of one node: what it receives and sends.
 pub(crate) struct NodeFusion<'a> {
     /// Local, then the clouds in their order.
     pub(crate) sources: Vec<NodeSource>,
@@ -44,7 +44,8 @@ pub(crate) struct NodeFusion<'a> {
     pub(crate) input_key: MessageKey,
     /// The stream that messages come from.
     pub(crate) origin: Arc<str>,
-    /// How long after their intake the last output is due, and what of that is kept for the nodes downstream.
+    /// The end-to-end deadline of messages, and the part of it that is kept for the nodes
+    /// downstream.
     pub(crate) within: Option<Duration>,
     pub(crate) reserve: Duration,
     pub(crate) output_key: MessageKey,
@@ -67,7 +68,7 @@ pub(crate) struct NodeFusion<'a> {
 /// How many parties take turns in [`InputChannels`].
 const TURNS: usize = 7;
 
-/// What is kept from one event to the next.
+/// The state between two events.
 pub(crate) struct LoopState {
     stamps: Stamps<Stamp>,
     /// By timestamp: the preliminary result of each open message that has one.
@@ -76,7 +77,7 @@ pub(crate) struct LoopState {
     next: u64,
     intake: NodeCounts,
     reporter: Reporter,
-    /// Who has the next turn.
+    /// The party that has the next turn.
     turn: usize,
 }
 
@@ -109,7 +110,7 @@ impl Transport for NodeFusion<'_> {
                 {
                     Poll::Pending
                 }
-                // What comes while the node is inactive is not kept for later.
+                // Inputs that come while the node is inactive are not kept.
                 0 => known(received.inputs.poll_recv(context))
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(received.results.poll_recv(context))
@@ -196,7 +197,7 @@ impl Transport for NodeFusion<'_> {
         }
     }
 
-    /// What came too late may help with the next messages. It never goes to the output's topic.
+    /// A late result may help with the next messages. It never goes to the output's topic.
     fn hint(&mut self, hint: Hint<Payload>) {
         let Hint { source, value, timestamp, why, .. } = hint;
         let of = self.sources.iter().find(|it| it.priority == source.priority);

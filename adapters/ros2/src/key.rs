@@ -1,4 +1,4 @@
-//! Keys: the part of a message that says which input a result is for (D14 its own topic).
+//! Keys: the part of a message that matches a result to its input (D14).
 
 use std::fmt;
 use std::time::{Duration, SystemTime};
@@ -84,17 +84,17 @@ const WITH_HEADER: &[&str] = &[
     "visualization_msgs/msg/Marker",
 ];
 
-/// Where a message's key is, and what.
+/// The place and the kind of a message's key.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MessageKey {
-    /// The stamp of a `std_msgs/Header` at the very beginning. It fits whatever begins with a
-    /// `builtin_interfaces/Time` as well.
+    /// The stamp of a `std_msgs/Header` at the very beginning. It also fits types that begin with a
+    /// `builtin_interfaces/Time`.
     Header,
     /// An integer at a fixed offset.
     Integer {
-        /// Bytes from the first after the encapsulation header.
+        /// The offset in bytes after the encapsulation header.
         offset: u32,
-        /// Its size and sign.
+        /// The integer's size and sign.
         kind: IntegerKind,
     },
 }
@@ -114,22 +114,22 @@ pub enum IntegerKind {
 
 /// A key that was read: a header's stamp in nanoseconds, or the integer.
 ///
-/// Equal numbers are equal stamps, whatever they were read from.
+/// Equal numbers are equal keys, whatever they were read from.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Stamp(i128);
 
-/// Why a message has no key.
+/// The reason why a message has no key.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum KeyError {
-    /// It ends before its key does.
+    /// The message ends before its key does.
     #[error("the message ends before its key does")]
     Short,
-    /// A header with 10⁹ nanoseconds or more.
+    /// The header's stamp has 10⁹ nanoseconds or more.
     #[error("the stamp has a second or more of nanoseconds")]
     Nanosec,
 }
 
-/// Whether the type `package/msg/Type` is known to begin with a `std_msgs/Header`.
+/// Returns `true` if the type `package/msg/Type` is known to begin with a `std_msgs/Header`.
 ///
 /// The table has the common interfaces of Humble to Kilted and some other packages. A type that is
 /// not in it may still begin with one.
@@ -142,7 +142,7 @@ impl MessageKey {
     /// Reads the key of a message's body, the bytes after the encapsulation header.
     ///
     /// # Errors
-    /// If the body is too short, or a header's stamp is not valid.
+    /// Returns an error if the body is too short, or if a header's stamp is not valid.
     pub fn read(self, body: &[u8], big_endian: bool) -> Result<Stamp, KeyError> {
         let stamp = match self {
             Self::Header => {
@@ -163,15 +163,15 @@ impl MessageKey {
         Ok(Stamp(stamp))
     }
 
-    /// Whether the key is a header's stamp that nobody set: ROS leaves it 0.
+    /// Returns `true` if the key is a header's stamp that nobody set, which ROS leaves 0.
     pub(crate) fn is_unset(self, stamp: Stamp) -> bool {
         matches!(self, Self::Header) && stamp.0 == 0
     }
 }
 
 impl Stamp {
-    /// The time since the stamp, if it is one of this clock: a stamp of the future, or of more than an hour ago, is of another
-    /// one, as of a simulation or of a recording that is played.
+    /// Returns the time since the stamp, or `None` if the stamp lies in the future or more than an
+    /// hour ago. Such a stamp belongs to another clock, as of a simulation or of a recording.
     pub(crate) fn age(self, now: SystemTime) -> Option<Duration> {
         let now =
             i128::try_from(now.duration_since(SystemTime::UNIX_EPOCH).ok()?.as_nanos()).ok()?;
@@ -179,12 +179,12 @@ impl Stamp {
         (age <= GREATEST_AGE).then_some(age)
     }
 
-    /// The number, if it has 64 bits.
+    /// Returns the number, if it has 64 bits.
     pub(crate) fn nanos(self) -> Option<i64> {
         i64::try_from(self.0).ok()
     }
 
-    /// As a timestamp of a sensor's stream; none if it is negative.
+    /// Returns the key as a timestamp of a sensor's stream, or `None` if it is negative.
     pub(crate) fn seq(self) -> Option<u64> {
         u64::try_from(self.0).ok()
     }

@@ -7,7 +7,7 @@ use tokio::sync::{mpsc, oneshot};
 
 pub(crate) use services::serve;
 
-/// Where a managed node is: at rest, or from 10 on under way.
+/// The state of a managed node: at rest, or from 10 on in transition.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum LifecycleState {
     /// No node is; ROS lists it.
@@ -86,7 +86,7 @@ pub(crate) const TRANSITIONS: [Transition; 25] = [
     transition(62, ERROR, ErrorProcessing, Finalized),
 ];
 
-/// What a managed node is to do.
+/// The next task of a managed node.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum LifecycleTask {
     Configure,
@@ -96,10 +96,10 @@ pub(crate) enum LifecycleTask {
     ShutDown,
 }
 
-/// How that went.
+/// The outcome of the task.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TransitionResult {
-    /// As requested.
+    /// It succeeded.
     Success,
     /// It is as it was before.
     Failure,
@@ -116,7 +116,7 @@ pub(crate) struct LifecycleRequest {
 /// The requests to a managed node's lifecycle.
 pub(crate) struct LifecycleRequests {
     pub(crate) reported: mpsc::Receiver<LifecycleRequest>,
-    /// Whether messages are taken in.
+    /// `true` if messages are taken in.
     pub(crate) is_active: bool,
     /// The order to close what is open, once it came.
     pub(crate) last: Option<LifecycleRequest>,
@@ -303,7 +303,7 @@ mod tests {
             (LifecycleTask::Configure, true, false, Some(TransitionResult::Failure)),
             (LifecycleTask::Deactivate, false, false, Some(TransitionResult::Success)),
             (LifecycleTask::Activate, true, false, Some(TransitionResult::Success)),
-            // Whoever closes what is open says how that went.
+            // The task that closes the node reports the outcome.
             (LifecycleTask::CleanUp, false, true, None),
             (LifecycleTask::Activate, true, false, Some(TransitionResult::Success)),
             (LifecycleTask::ShutDown, false, true, None),

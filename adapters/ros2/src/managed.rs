@@ -25,7 +25,8 @@ pub(crate) async fn run(
     stop: &mut Stop,
     lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
-    // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
+    // The node's presence in ROS outlives its topics, which over DDS have a participant of their
+    // own.
     let mut backend = Graph::join(settings, |it| it == settings.middleware).await?;
     let NodeInterface { status_publisher, settings, mut changes, orders, mut tasks } =
         StatusPublisher::join(settings, &mut backend, lines)?;

@@ -22,10 +22,10 @@ use crate::raw::Payload;
 use crate::service::Requests;
 use crate::settings::{Middleware, Qos, Settings};
 
-/// What came on a topic.
+/// A sample that came on a topic.
 pub(crate) type ReceivedPayload = Result<Payload, DecodeError>;
 
-/// Why what came is no message.
+/// The reason why a sample is not a message.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 #[error("{0}")]
 pub(crate) struct DecodeError(pub(crate) String);
@@ -35,7 +35,7 @@ pub(crate) trait Publish: Send + Sync {
     /// Publishes without waiting; false if it cannot, as a reliable subscriber is too far behind.
     fn publish(&self, payload: Payload) -> bool;
 
-    /// How many subscribers there are.
+    /// Returns the number of subscribers.
     fn matched(&self) -> usize {
         self.end().matched()
     }
@@ -47,7 +47,7 @@ pub(crate) trait Publish: Send + Sync {
 /// Publishes messages of one type; what cannot be sent is left out.
 pub(crate) type MessagePublisher<M> = Box<dyn Fn(M) + Send + Sync>;
 
-/// What the node says of itself reaches each subscriber that is there.
+/// The node's own messages reach each present subscriber.
 pub(crate) const REPORTS: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
 
 /// A type of a package of ROS.
@@ -57,7 +57,7 @@ pub(crate) struct TypeName {
     pub(crate) name: &'static str,
 }
 
-/// Where the node's topics are opened; they close when it is left.
+/// The middleware in which the node's topics are opened. They close when it is left.
 pub(crate) struct Graph {
     dds: Option<Domain>,
     /// The node as ROS sees it over DDS, until it is complete; over Zenoh it is the session.
@@ -94,7 +94,7 @@ impl Graph {
         })
     }
 
-    /// The same for topics that close before this does: a session of Zenoh is shared.
+    /// Returns the same middleware for topics that close before it: a session of Zenoh is shared.
     pub(crate) async fn beside(&self, settings: &Settings) -> Result<Self, NodeError> {
         let needs = |middleware| settings.needs(middleware);
         #[cfg(feature = "zenoh")]

@@ -1,4 +1,4 @@
-//! Names as ROS 2 has them: of nodes, topics and types, expanded and remapped.
+//! ROS 2's names of nodes, topics and types, expanded and remapped.
 
 use std::str::FromStr;
 
@@ -28,7 +28,7 @@ const FIXED: [&str; 15] = [
     "~/transition_event",
 ];
 
-/// The most characters of a topic's full name, as in rmw.
+/// The greatest number of characters in a topic's full name, as in rmw.
 const TOPIC_CHARS: usize = 247;
 
 /// A node's name and namespace, from which relative and private names are resolved.
@@ -36,60 +36,60 @@ const TOPIC_CHARS: usize = 247;
 pub struct NodeName {
     /// `/`, or `/a/b`.
     pub namespace: String,
-    /// One part, without slashes.
+    /// The name, one part without slashes.
     pub name: String,
 }
 
-/// One remapping rule, `[node:]from:=to`.
+/// A remapping rule, `[node:]from:=to`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Remap {
-    /// The node that it is for, a name without namespace; none means any node.
+    /// The node that the rule is for, a name without namespace; `None` means any node.
     pub node: Option<String>,
-    /// What it replaces, and with what.
+    /// The name that the rule replaces, and the new one.
     pub rule: RemapRule,
 }
 
-/// What a remapping rule replaces.
+/// The name that a remapping rule replaces.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RemapRule {
     /// `__node:=name`: the node's name.
     Node(String),
     /// `__ns:=/name`: the node's namespace.
     Namespace(String),
-    /// A topic with the full name of the first by the full name of the second.
+    /// A topic: the full name of the first is replaced by the full name of the second.
     Topic(String, String),
 }
 
-/// Why a name is not valid.
+/// The reason why a name is not valid.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum NameError {
     /// The name is empty.
     #[error("it is empty")]
     Empty,
-    /// A slash at the end, or two in a row.
+    /// The name has a slash at the end, or two in a row.
     #[error("a part between slashes is empty")]
     Slash,
-    /// A character that ROS names cannot have.
+    /// The name has a character that ROS names cannot have.
     #[error("{0:?} is not a letter, digit or underscore")]
     Character(char),
     /// A part begins with a digit; it must begin with a letter or an underscore.
     #[error("a part begins with a digit")]
     Digit,
-    /// Two underscores in a row, which DDS reserves.
+    /// The name has two underscores in a row, which DDS reserves.
     #[error("it has two underscores in a row")]
     Underscores,
     /// A topic's full name is too long for DDS.
     #[error("its full name has more than {TOPIC_CHARS} characters")]
     Long,
-    /// A namespace that is relative.
+    /// The namespace is relative.
     #[error("it does not begin with a slash")]
     Relative,
-    /// A type is not `package/msg/Type`.
+    /// The type is not `package/msg/Type`.
     #[error("it is not like package/msg/Type")]
     Type,
 }
 
-/// Why a remapping rule cannot be read.
+/// The reason why a remapping rule cannot be read.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 pub enum RemapError {
     /// There is no `:=`.
@@ -103,23 +103,25 @@ pub enum RemapError {
     Name {
         /// The name.
         name: String,
-        /// Why not.
+        /// The reason.
         source: NameError,
     },
 }
 
 impl NodeName {
-    /// A node of that name in that namespace.
+    /// Creates the name of a node in a namespace.
     ///
     /// # Errors
-    /// If one of them is not valid, or the namespace does not begin with a slash.
+    /// Returns an error if one of them is not valid, or if the namespace does not begin with a
+    /// slash.
     pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
         check_token(name)?;
         check_namespace(namespace)?;
         Ok(Self { namespace: namespace.to_owned(), name: name.to_owned() })
     }
 
-    /// What the first rule for its name and then the first rule for its namespace make of it.
+    /// Returns this name after the first rule for its name, and then the first rule for its
+    /// namespace.
     #[must_use]
     pub fn remapped(mut self, remaps: &[Remap]) -> Self {
         let name = self.rules(remaps).find_map(|remap| match &remap.rule {
@@ -135,16 +137,16 @@ impl NodeName {
         self
     }
 
-    /// The full name, `/namespace/name`.
+    /// Returns the full name, `/namespace/name`.
     #[must_use]
     pub fn full(&self) -> String {
         self.within(&self.name)
     }
 
-    /// The full name of a topic: relative, private (`~/x`) or already full.
+    /// Returns the full name of a topic, which may be relative, private (`~/x`) or full.
     ///
     /// # Errors
-    /// If it is not a valid name, or too long.
+    /// Returns an error if the name is not valid or too long.
     pub fn expand(&self, topic: &str) -> Result<String, NameError> {
         let full = if let Some(private) = topic.strip_prefix("~/") {
             format!("{}/{private}", self.full())
@@ -159,11 +161,11 @@ impl NodeName {
         if full.len() > TOPIC_CHARS { Err(NameError::Long) } else { Ok(full) }
     }
 
-    /// The full name of a topic after the first rule that matches it, as in rcl: both sides of
-    /// a rule are expanded, and no rule is applied to the result of another.
+    /// Returns the full name of a topic after the first rule that matches it. As in rcl, both sides
+    /// of a rule are expanded, and no rule is applied to the result of another.
     ///
     /// # Errors
-    /// If it is not a valid name, or too long before or after.
+    /// Returns an error if the name is not valid, or too long before or after the rule.
     pub fn topic(&self, topic: &str, remaps: &[Remap]) -> Result<String, NameError> {
         let full = self.expand(topic)?;
         for Remap { rule, .. } in self.rules(remaps) {
@@ -242,7 +244,7 @@ impl FromStr for Remap {
         let check = |name: &str, checked: Result<(), NameError>| {
             checked.map_err(|source| RemapError::Name { name: name.to_owned(), source })
         };
-        // Whether a name is valid does not depend on the node.
+        // The validity of a name does not depend on the node.
         let anyone = NodeName { namespace: "/".to_owned(), name: "node".to_owned() };
         let topic = |name: &str| check(name, anyone.expand(name).map(|_| ()));
         if let Some(node) = node {
@@ -286,7 +288,7 @@ pub fn check_token(token: &str) -> Result<(), NameError> {
     }
 }
 
-/// Checks a message type's name, `package/msg/Type`, as in rosidl.
+/// Checks the name of a message type, `package/msg/Type`, as rosidl does.
 ///
 /// # Errors
 /// If it is something else.

@@ -25,7 +25,8 @@ use crate::speed::Speed;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
 
-/// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
+/// The number of results that may wait for the node. Further ones stay in the readers, which drop
+/// the oldest.
 const RESULTS: usize = 64;
 
 /// Runs a plain node until it is stopped; returns its counts.
@@ -37,7 +38,7 @@ pub(crate) async fn run(
     stop: &mut Stop,
     lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
-    // What is refused is refused before anybody notices the node.
+    // Mistakes are refused before anybody notices the node.
     check(settings)?;
     realtime::prepare(settings.realtime)?;
     let (engine, created) = recorded(settings)?;
@@ -53,7 +54,7 @@ pub(crate) async fn run(
     ended
 }
 
-/// What reaches a node from outside its topics.
+/// The events that reach a node from outside its topics.
 pub(crate) struct ExternalInputs<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) orders: Option<&'a mut LifecycleRequests>,
@@ -181,12 +182,12 @@ pub fn check(settings: &Settings) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// How a cloud behind gRPC is called.
+/// Returns the way to call a cloud behind gRPC.
 fn handle(cloud: &settings::Cloud, grpc: &settings::Grpc) -> Result<Handle, NodeError> {
     call(grpc).map_err(|error| NodeError::Grpc { cloud: cloud.name.clone(), error })
 }
 
-/// What the engine is made of.
+/// Returns the engine's configuration.
 pub(crate) fn engine_config(settings: &Settings) -> Result<EngineConfig, NodeError> {
     let cloud = |cloud: &settings::Cloud| {
         Ok::<_, NodeError>(CloudConfig {

@@ -1,4 +1,4 @@
-//! Parameters as they are given: in files with ROS's YAML, and one by one on the command line.
+//! Reads parameters from ROS's YAML files and from the command line.
 
 pub(crate) mod ros;
 mod sections;
@@ -18,7 +18,7 @@ use crate::names::{NameError, NodeName, check_token};
 pub use crate::parameters::value::Value;
 pub use crate::parameters::yaml::YamlError;
 
-/// The most bytes of a file.
+/// The greatest size of a file, in bytes.
 const BYTES: u64 = 1 << 20;
 
 /// A parameter that was given.
@@ -28,13 +28,14 @@ pub struct ParameterOverride {
     pub name: String,
     /// Its value.
     pub value: Value,
-    /// Where it was given.
+    /// The place where it was given.
     pub origin: ValueOrigin,
-    /// Whether it is for other nodes as well: given in a file under a name with a wildcard.
+    /// `true` if it also applies to other nodes, because the file gives it under a name with a
+    /// wildcard.
     pub is_shared: bool,
 }
 
-/// Where a value comes from.
+/// The origin of a value.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum ValueOrigin {
     /// It was not given.
@@ -47,16 +48,16 @@ pub enum ValueOrigin {
     Argument(String),
 }
 
-/// A parameter of the command line, `[node:]name:=value`.
+/// A parameter on the command line, `[node:]name:=value`.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Assignment {
-    /// The node that it is for, a name without namespace; none means any node.
+    /// The node that it is for, a name without namespace; `None` means any node.
     pub node: Option<String>,
-    /// What it gives.
+    /// The parameter and its value.
     pub given: ParameterOverride,
 }
 
-/// Why a file or an assignment is refused.
+/// The reason why a file or an assignment is refused.
 #[derive(Debug, Error)]
 pub enum ParameterError {
     /// The file cannot be read, or is not UTF-8.
@@ -64,7 +65,7 @@ pub enum ParameterError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         source: io::Error,
     },
     /// The file is too large.
@@ -73,17 +74,17 @@ pub enum ParameterError {
         /// The file.
         path: PathBuf,
     },
-    /// Something in it is wrong.
+    /// Something in the file or assignment is wrong.
     #[error("{origin}: {flaw}")]
     ParameterFlaw {
-        /// Where.
+        /// The place.
         origin: ValueOrigin,
-        /// What.
+        /// The flaw.
         flaw: ParameterFlaw,
     },
 }
 
-/// What is wrong with a file or an assignment.
+/// A flaw of a file or an assignment.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 pub enum ParameterFlaw {
     /// It is not the YAML of parameters.
@@ -97,19 +98,19 @@ pub enum ParameterFlaw {
     Pattern {
         /// The name.
         name: String,
-        /// Why not.
+        /// The reason.
         source: NameError,
     },
     /// Something other than parameters.
     #[error("expected parameters, each as name: value")]
     Parameters,
-    /// No value.
+    /// A parameter has no value.
     #[error("{0} has no value; give one, '' for an empty string")]
     Empty(String),
     /// A list of lists, of mappings, or of values of several types.
     #[error("{0} must be a list of only booleans, only integers, only numbers or only strings")]
     List(String),
-    /// A mapping where a value belongs.
+    /// A mapping stands where a value belongs.
     #[error("{0} is a mapping; give each of its values as a parameter of its own")]
     Mapping(String),
     /// An assignment without name or `:=`.

@@ -14,7 +14,7 @@ use rustdds::no_key::{Decode, DefaultDecoder, DeserializerAdapter, SerializerAda
 pub struct Payload {
     /// The byte order that its encapsulation header names.
     pub big_endian: bool,
-    /// What follows the encapsulation header.
+    /// Returns the bytes after the encapsulation header.
     pub body: Bytes,
 }
 
@@ -25,7 +25,7 @@ pub(crate) struct Cdr;
 /// The encapsulations that are accepted: plain CDR of either byte order, which is what ROS 2 sends.
 const ENCODINGS: [Encoding; 2] = [Encoding::CDR_BE, Encoding::CDR_LE];
 
-/// How long an encapsulation header is, in bytes.
+/// The length of an encapsulation header, in bytes.
 const ENCAPSULATION: usize = 4;
 
 thread_local! {

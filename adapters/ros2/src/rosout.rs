@@ -9,13 +9,13 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// How many lines may wait; more are only in the log on standard error.
+/// The number of lines that may wait. Further ones are only in the log on standard error.
 const LINES: usize = 256;
 
 /// A layer of `tracing` that keeps what is logged for the node to publish.
 pub struct Rosout(mpsc::Sender<LogLine>);
 
-/// What was logged and not yet published.
+/// The lines that were logged and not yet published.
 pub struct PendingLogs(pub(crate) mpsc::Receiver<LogLine>);
 
 /// One line of the log.

@@ -1,4 +1,4 @@
-//! Where a node starts: plain or managed, by its settings.
+//! Starts a node, plain or managed, by its settings.
 
 use fuseline_engine::Tally;
 

@@ -8,13 +8,13 @@ pub(crate) struct PendingRequest<Q, R> {
     pub(crate) reply: ServiceReply<R>,
 }
 
-/// Where an answer is sent; the client gets none if it is dropped.
+/// The sender of an answer. If it is dropped, the client gets no answer.
 pub(crate) struct ServiceReply<R>(Box<dyn FnOnce(R) + Send>);
 
 /// The requests of one service, in the order in which they came.
 pub(crate) type Requests<Q, R> = mpsc::Receiver<PendingRequest<Q, R>>;
 
-/// How many requests of a service may wait; the others wait in the middleware.
+/// The number of requests of a service that may wait; others wait in the middleware.
 pub(crate) const WAITING: usize = 4;
 
 impl<R> ServiceReply<R> {

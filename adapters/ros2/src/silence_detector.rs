@@ -1,14 +1,14 @@
-//! Whether messages keep coming on a topic.
+//! Detects when messages stop coming on a topic.
 
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// How many usual gaps without a message are a silence.
+/// The number of usual gaps without a message that count as silence.
 const GAPS: u32 = 10;
 /// The shortest silence: what comes often or in bursts may pause this long.
 const LEAST: Duration = Duration::from_secs(2);
-/// How long the first message may take to come, if nothing else is set.
+/// The time for the first message, if none is set.
 const FIRST: Duration = Duration::from_secs(10);
 /// The newest gap counts for one part in this many of the usual gap.
 const WEIGHT: u32 = 8;
@@ -16,7 +16,7 @@ const WEIGHT: u32 = 8;
 /// When messages came, and how far apart they usually do.
 #[derive(Debug, Default)]
 pub(crate) struct SilenceDetector {
-    /// How long counts as silence; none leaves it to the gaps.
+    /// The time that counts as silence; `None` for ten usual gaps.
     patience: Option<Duration>,
     /// Since when the first message is waited for; none waits for none.
     since: Option<Instant>,
@@ -37,7 +37,7 @@ impl SilenceDetector {
         Self { patience, since: Some(now), ..Self::default() }
     }
 
-    /// How long the first message has been waited for, if that is too long.
+    /// Returns the time since the wait for the first message began, if that is too long.
     pub(crate) fn absence(&self, now: Instant) -> Option<Duration> {
         let since = self.since.filter(|_| self.last.is_none())?;
         Some(now.duration_since(since)).filter(|it| *it > self.patience.unwrap_or(FIRST))
@@ -64,7 +64,8 @@ impl SilenceDetector {
         }
     }
 
-    /// How long nothing has come, if that is too long. A topic with less than two messages has no rhythm.
+    /// Returns the time since the last message, if that is too long. A topic with fewer than two
+    /// messages has no usual gap.
     pub(crate) fn silence(&self, now: Instant) -> Option<Duration> {
         let patience = self.patience.or_else(|| Some((self.usual? * GAPS).max(LEAST)))?;
         let silence = now.duration_since(self.last?);

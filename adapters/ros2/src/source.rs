@@ -18,20 +18,20 @@ pub(crate) struct NodeSource {
     pub(crate) priority: u16,
     pub(crate) name: String,
     pub(crate) route: Route,
-    /// Whether it gets requests at all; local always does.
+    /// `true` if it gets requests at all; local always does.
     pub(crate) enabled: bool,
-    /// How long it may take; none means the node's deadline.
+    /// Its deadline; `None` means the node's deadline.
     pub(crate) deadline: Option<Duration>,
-    /// Where its late results go, for whom they help with what comes next.
+    /// The topic of its late results, if there is one.
     pub(crate) hints: Option<Box<dyn Publish>>,
     pub(crate) unmatched: UnmatchedResults,
 }
 
-/// How messages go there and results come back.
+/// The connection to it.
 pub(crate) enum Route {
     /// Over two topics.
     Topics { requests: Box<dyn Publish>, results: Arc<Endpoint> },
-    /// One call for each message.
+    /// gRPC, with a call for each message.
     Grpc(Handle),
 }
 
@@ -43,11 +43,11 @@ pub(crate) type Handle = Arc<
 /// Counts what came on a source's topic and is no message's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct UnmatchedResults {
-    /// Those whose key is of no remembered message.
+    /// Results whose key belongs to no remembered message.
     pub(crate) unknown_stamp: u64,
-    /// Those of them whose header has no stamp.
+    /// Those of them whose header has the stamp 0.
     pub(crate) stamp_zero: u64,
-    /// Those without a key.
+    /// Results without a key.
     pub(crate) malformed: u64,
 }
 
@@ -57,7 +57,7 @@ pub(crate) struct UnmatchedResults {
 struct NotCdr;
 
 impl NodeSource {
-    /// Who should be there and is missing, in words.
+    /// Describes the missing peers, if there are any.
     pub(crate) fn missing(&self) -> Option<String> {
         match &self.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
@@ -70,7 +70,7 @@ impl NodeSource {
         }
     }
 
-    /// Whether a message can get there now.
+    /// Returns `true` if a message can get there now.
     pub(crate) fn is_reached(&self) -> bool {
         match &self.route {
             Route::Topics { requests, .. } => requests.matched() > 0,

@@ -32,12 +32,12 @@ impl Speed {
         speed.is_some()
     }
 
-    /// What policies are to know: nothing, if the last speed is too old.
+    /// Returns the situation for policies, which is unknown if the last speed is too old.
     pub(crate) fn situation(&self, now: Instant) -> Situation<'static> {
         self.fresh(now).map_or(Situation::UNKNOWN, |speed| Situation::at(MetresPerSecond(speed)))
     }
 
-    /// Why the speed is unknown, if it is.
+    /// Returns the reason why the speed is unknown, if it is.
     pub(crate) fn missing(&self, now: Instant) -> Option<String> {
         match self.last {
             _ if self.fresh(now).is_some() => None,

@@ -1,15 +1,16 @@
-//! Which message a key stands for.
+//! Matches keys to messages.
 
 use std::collections::{HashMap, VecDeque};
 
-/// How many answered messages are remembered. Their late results differ from results of no message, and no other
-/// message is accepted under their keys.
+/// The number of answered messages that are remembered. Their late results differ from results of
+/// no message, and no other message is accepted under their keys.
 pub(crate) const ANSWERED: usize = 1024;
 
-/// The timestamps of the open messages and of those answered last, by key.
+/// Holds the timestamps of the open messages and of those answered last, by key.
 ///
-/// `K` is the key that inputs and results have in common: the stamp, or an integer. A key stands for one message at
-/// most: a source that answers late would otherwise give a message the value of an earlier one (D2).
+/// `K` is the key that inputs and results share: the stamp, or an integer. A key belongs to one
+/// message at most. Otherwise a source that answers late could give a message the value of an
+/// earlier one (D2).
 #[derive(Debug)]
 pub(crate) struct Stamps<K> {
     by_key: HashMap<K, u64>,
@@ -20,12 +21,12 @@ pub(crate) struct Stamps<K> {
     newest: Option<K>,
 }
 
-/// How an input's key compares with the keys before it.
+/// Compares an input's key with the keys before it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum KeyOrder {
-    /// Greater than all before.
+    /// The key is greater than all before.
     Forwards,
-    /// Not greater, but of no remembered message: the message is accepted.
+    /// The key is not greater, but belongs to no remembered message, so the message is accepted.
     Backwards,
     /// A remembered message has this key, so the results of both could not be distinguished.
     Taken,
@@ -41,7 +42,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         }
     }
 
-    /// How this key would compare.
+    /// Compares this key with the keys before it.
     pub(crate) fn order(&self, key: K) -> KeyOrder {
         if self.by_key.contains_key(&key) {
             KeyOrder::Taken
@@ -59,12 +60,12 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         self.newest = self.newest.max(Some(key));
     }
 
-    /// The key of an open message.
+    /// Returns the key of an open message.
     pub(crate) fn key(&self, t: u64) -> Option<K> {
         self.open.get(&t).copied()
     }
 
-    /// The message was answered; returns its key, if it was open.
+    /// Notes that the message was answered. Returns its key, if it was open.
     pub(crate) fn answer(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
         self.answered.push_back(key);
@@ -76,14 +77,14 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         Some(key)
     }
 
-    /// The message was not taken on; returns its key, if it was open.
+    /// Notes that the message was not accepted. Returns its key, if it was open.
     pub(crate) fn refuse(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
         self.by_key.remove(&key);
         Some(key)
     }
 
-    /// The timestamp of the message with this key, if it is remembered.
+    /// Returns the timestamp of the message with this key, if it is remembered.
     pub(crate) fn find(&self, key: K) -> Option<u64> {
         self.by_key.get(&key).copied()
     }
@@ -111,7 +112,7 @@ mod tests {
         assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Backwards, None));
     }
 
-    /// D1: no source was asked, so no result can be another message's.
+    /// No source got a request, so no result can belong to another message (D1).
     #[test]
     fn key_of_a_refused_message_is_free() {
         let mut stamps = Stamps::new();

@@ -1,4 +1,4 @@
-//! What the node says of itself, and its presence in ROS.
+//! Publishes the node's statuses and diagnostics, and its presence in ROS.
 
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ pub(crate) struct StatusPublisher {
 pub(crate) struct NodeInterface {
     pub(crate) status_publisher: Arc<StatusPublisher>,
     pub(crate) settings: Current,
-    /// What was set since it was last looked at.
+    /// Returns the parameters that were set since the last call.
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
     /// The requests to a managed node's lifecycle; a plain one has none.
     pub(crate) orders: Option<LifecycleRequests>,
@@ -65,7 +65,7 @@ impl StatusPublisher {
         let orders = orders.transpose()?;
         let of = |name| TypeName { package: "rcl_interfaces", name };
         if let Some(lines) = lines.filter(|_| settings.rosout) {
-            // As rcl publishes it: who comes later gets the last lines.
+            // As in rcl, later subscribers get the last lines.
             let qos = Qos { reliable: true, transient_local: true, depth: 1000 };
             let log = graph.message_publisher("/rosout", of("Log"), qos)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));

@@ -1,11 +1,12 @@
-//! SIGINT, SIGTERM and SIGHUP: the first lets the node finish what is open, the second ends it.
+//! SIGINT, SIGTERM and SIGHUP. The first signal lets the node finish its open messages, and the
+//! second ends it.
 
 use std::io;
 use std::task::{Context, Poll};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// How often a stop of the node was requested.
+/// Counts how often a stop of the node was requested.
 #[derive(Debug)]
 pub struct Stop {
     signals: Vec<Signal>,
@@ -13,11 +14,11 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// From now on, counts these signals; they no longer end the process. A SIGHUP that is ignored already, as by `nohup`,
-    /// stays ignored.
+    /// Counts these signals from now on. They no longer end the process. A SIGHUP that is already
+    /// ignored, as by `nohup`, stays ignored.
     ///
     /// # Errors
-    /// If the system refuses a handler.
+    /// Returns an error if the system refuses a handler.
     pub fn watch() -> io::Result<Self> {
         let mut kinds = vec![SignalKind::interrupt(), SignalKind::terminate()];
         if !is_ignored(SignalKind::hangup()) {
@@ -27,29 +28,29 @@ impl Stop {
         Ok(Self { signals, times: 0 })
     }
 
-    /// Never requested.
+    /// Creates a stop that was never requested.
     #[must_use]
     pub const fn never() -> Self {
         Self { signals: Vec::new(), times: 0 }
     }
 
-    /// Whether it was requested at least once.
+    /// Returns `true` if a stop was requested at least once.
     pub(crate) const fn is_requested(&self) -> bool {
         self.times > 0
     }
 
-    /// Whether it was requested more than once.
+    /// Returns `true` if a stop was requested more than once.
     #[must_use]
     pub const fn is_urgent(&self) -> bool {
         self.times > 1
     }
 
-    /// Waits until it is requested again.
+    /// Waits until the next request.
     pub(crate) async fn requested(&mut self) {
         std::future::poll_fn(|context| self.poll_next(context)).await;
     }
 
-    /// Ready when it is requested again.
+    /// Becomes ready with the next request.
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let signals = self.signals.iter_mut();
         // All are polled, so that each will wake.
@@ -63,7 +64,7 @@ impl Stop {
     }
 }
 
-/// Whether the process was started with this signal ignored, as far as the system says.
+/// Returns `true` if the process was started with this signal ignored, as far as the system says.
 fn is_ignored(kind: SignalKind) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

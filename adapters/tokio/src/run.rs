@@ -30,7 +30,7 @@ use crate::workers::Workers;
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<CloudHandler<I, O>>,
-    /// Whether policies run between the message handlers.
+    /// `true` if policies run between the message handlers.
     pub(crate) has_policies: bool,
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRunner<I>>,

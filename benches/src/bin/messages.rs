@@ -7,13 +7,13 @@ use std::env;
 
 use fuseline_benches::adapter::{BACK_TO_BACK, runtime, with_adapter, with_select};
 
-/// What is counted.
+/// The subject of a count.
 #[inline(never)]
 fn messages_of_adapter() {
     runtime().block_on(with_adapter(BACK_TO_BACK));
 }
 
-/// What it stands beside.
+/// The comparison.
 #[inline(never)]
 fn messages_by_hand() {
     runtime().block_on(with_select(BACK_TO_BACK));

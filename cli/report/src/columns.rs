@@ -181,7 +181,7 @@ enum ResponseColumn {
 struct SourceColumn {
     p: ExactNumber,
     name: Option<String>,
-    /// Whether the header names it; local is named.
+    /// `true` if the header names it; local is named.
     known: bool,
 }
 

@@ -56,7 +56,7 @@ pub enum Findings {
 pub struct VerdictSummary<'a> {
     /// The trace's name.
     pub file: &'a str,
-    /// Whether the rules explain all of it and nothing is in doubt.
+    /// `true` if the rules explain all of it and nothing is in doubt.
     pub conforms: bool,
     /// What the judge could not see.
     pub doubts: &'a [Doubt],

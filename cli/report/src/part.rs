@@ -26,7 +26,7 @@ pub struct PartFilter {
     /// The greatest one.
     greatest: u64,
     messages: HashMap<u64, PartMessage>,
-    /// Whether the last event was in the part.
+    /// `true` if the last event was in the part.
     is_inside: bool,
 }
 
@@ -35,7 +35,7 @@ pub struct PartFilter {
 struct PartMessage {
     is_wanted: bool,
     is_open: bool,
-    /// Whether it has a result, a failure, an emit or a miss.
+    /// `true` if it has a result, a failure, an emit or a miss.
     is_touched: bool,
 }
 
@@ -52,7 +52,7 @@ impl PartFilter {
         Self { part, origin: None, greatest: 0, messages: HashMap::new(), is_inside: false }
     }
 
-    /// Whether the next event is of the part: with its message, or, if it is a tick, by its instant.
+    /// Returns `true` if the next event is of the part: with its message, or, if it is a tick, by its instant.
     pub fn takes(&mut self, event: &Event) -> bool {
         let TraceRange { from, to, first, last } = self.part;
         let at = match event {
@@ -91,7 +91,7 @@ impl PartFilter {
         message.is_wanted
     }
 
-    /// Whether a violation is of the part: its message is, or the last event if it is about none.
+    /// Returns `true` if a violation is of the part: its message is, or the last event if it is about none.
     pub(crate) fn has(&self, t: Option<u64>) -> bool {
         let message = t.and_then(|t| self.messages.get(&t));
         message.map_or(self.is_inside, |message| message.is_wanted)

@@ -47,9 +47,9 @@ pub struct TraceStatistics {
     priorities: Vec<u64>,
     /// How many of them are local and the clouds.
     known: usize,
-    /// Whether lines of decisions may be missing.
+    /// `true` if lines of decisions may be missing.
     is_observed: bool,
-    /// Whether a `final` ends a timestamp that had an output (F9).
+    /// `true` if a `final` ends a timestamp that had an output (F9).
     has_finals: bool,
     /// Offers refused, by source.
     refused: Vec<u64>,

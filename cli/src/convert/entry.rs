@@ -33,7 +33,7 @@ pub(super) struct Sources {
     known: BTreeMap<String, u64>,
     /// The names found so far, if any name is taken.
     found: Option<Vec<String>>,
-    /// What the log calls local, beside local, and whether it has the name.
+    /// The log's own name for local, and `true` if the log has that name.
     locals: BTreeMap<String, bool>,
 }
 
@@ -51,7 +51,7 @@ impl Entry {
         self.t.iter().chain(self.ids.iter().map(|(_, id)| id))
     }
 
-    /// What it says, without where it stands.
+    /// The event's content, without its place.
     pub(super) fn content(&self) -> impl Hash + Eq + '_ {
         let Self { ev, at, t, p, due, ids, more, .. } = self;
         (ev, at, t, p, due, ids, more)
@@ -104,7 +104,7 @@ impl Sources {
         self.found.as_deref().unwrap_or_default()
     }
 
-    /// Whether any name is taken.
+    /// Returns `true` if any name is taken.
     pub(super) const fn are_gathered(&self) -> bool {
         self.found.is_some()
     }
@@ -136,7 +136,7 @@ impl Sources {
         Err(format!("no source; the header has {known}; if it is local, give --local {name}"))
     }
 
-    /// Whether the header has a source of this priority, if there is a header.
+    /// Returns `true` if the header has a source of this priority, if there is a header.
     pub(super) fn is_registered(&self, p: u64) -> bool {
         self.are_gathered() || self.known.values().any(|known| *known == p)
     }
@@ -151,7 +151,7 @@ impl Sources {
         self.names().any(|known| known == name)
     }
 
-    /// What a source is called.
+    /// Returns a source's name.
     pub(super) fn name(&self, p: u64) -> String {
         if p == 0 {
             return "local".to_owned();

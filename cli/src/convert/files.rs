@@ -32,11 +32,11 @@ pub(super) struct LogFile {
     pub(super) path: PathBuf,
     pub(super) name: Arc<str>,
     pub(super) format: Format,
-    /// Whether the user said so.
+    /// `true` if the user said so.
     is_given: bool,
 }
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Content {
     Table,
@@ -48,7 +48,7 @@ pub(super) enum Content {
     Bag,
 }
 
-/// What is noted of a file that has others beside it.
+/// The note about a file that belongs to others.
 pub(super) const PART: &str = "it is one part of a bag of";
 /// How much of a file says what it is.
 const START: usize = 1 << 16;
@@ -144,7 +144,7 @@ impl LogFile {
         let mut unpacked = unpacked.map_err(|error| self.problem(&error))?;
         match unpacked.fill_buf().map_err(|error| self.problem(&error))? {
             [0xef, 0xbb, 0xbf, ..] => unpacked.consume(3),
-            // As Excel and PowerShell write it.
+            // UTF-16, as Excel and PowerShell write it.
             [mark @ (0xff | 0xfe), 0xff | 0xfe, ..] => {
                 let unit = if *mark == 0xff { u16::from_le_bytes } else { u16::from_be_bytes };
                 let mut bytes = Vec::new();
@@ -158,7 +158,7 @@ impl LogFile {
         Ok(unpacked)
     }
 
-    /// What it holds by its first bytes: a name in .json may be that of spans.
+    /// Returns the content by its first bytes, because a file in .json may have spans.
     pub(super) fn content(&self, reader: &mut dyn BufRead) -> Result<Content, Problem> {
         let start = reader.fill_buf().map_err(|error| self.problem(&error))?;
         let text = String::from_utf8_lossy(&start[..start.len().min(START)]);

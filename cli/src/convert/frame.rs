@@ -3,20 +3,20 @@
 use crate::convert::key::word;
 use crate::convert::mapping::{Named, View, ViewKind};
 
-/// Where a value of a frame stands.
+/// The place of a frame's value.
 #[derive(Clone, Debug)]
 pub(super) struct FrameColumn {
-    /// Whose it is; none of the frame itself.
+    /// The source, or `None` for the frame itself.
     source: Option<String>,
-    /// What it is.
+    /// The kind.
     word: &'static str,
     /// The column's name; of a duration it may be the value itself, and of `by` a source.
     column: String,
 }
 
-/// What a frame itself has.
+/// The keys of a frame itself.
 const OF_FRAME: [&str; 6] = ["t", "open", "within", "emit", "by", "miss"];
-/// What each source of it has.
+/// The keys of each source of a frame.
 const OF_SOURCE: [&str; 6] = ["request", "deadline", "result", "fail", "of", "for"];
 /// The events, those of one instant in this order, and what else says something of each: the key of the trace, and the word for it
 /// of the frame itself, of local, or of the event's own source.
@@ -69,7 +69,7 @@ impl FrameColumn {
     }
 }
 
-/// What each row is: its events in their order.
+/// The events of each row, in order.
 pub(super) fn views(columns: &[FrameColumn]) -> Result<Vec<View<'_>>, &'static str> {
     if !columns.iter().any(|column| column.word == "open") {
         return Err("no column for open; name it with --frame open=COLUMN");

@@ -87,7 +87,7 @@ impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
         read: impl FnOnce(&str) -> Option<T>,
     ) -> Result<T, HeaderAnswerError> {
         let shown = if default.is_empty() { String::new() } else { format!(" [{default}]") };
-        // Whoever sees no question still has the answer to give.
+        // A user who sees no question still has to answer it.
         let _ = write!(self.prompt, "{what}{shown}: ").and_then(|()| self.prompt.flush());
         let mut answer = String::new();
         if self.answers.read_line(&mut answer)? == 0 && default.is_empty() {

@@ -141,7 +141,7 @@ pub(super) fn seconds(seconds: i64, nanoseconds: u32) -> String {
 /// The text with NaN and Infinity as texts; none if it has none.
 fn quote_nan(text: &str) -> Option<String> {
     let (mut quoted, mut is_text) = (String::with_capacity(text.len() + 16), false);
-    // What stands between quotes is a text, but for a quote behind an odd number of backslashes.
+    // Text ends at a quote, unless an odd number of backslashes is before it.
     for part in text.split_inclusive('"') {
         if is_text {
             quoted.push_str(part);

@@ -1,4 +1,4 @@
-//! What is remembered of a log beside its events: notes for the user, and the names that occur.
+//! Remembers notes for the user and the names in a log, besides its events.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -6,7 +6,8 @@ use std::sync::Arc;
 use crate::convert::row::{Place, Spot};
 use crate::diagnostics::print_line;
 
-/// What was guessed, changed or left out, each kind once with its count and its first place.
+/// A note about what was guessed, changed or skipped: each kind once, with its count and its first
+/// place.
 #[derive(Default, Debug)]
 pub(super) struct Notes(Vec<Note>);
 

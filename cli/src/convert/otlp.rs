@@ -21,7 +21,7 @@ pub(super) struct SpanRecord {
     /// 0 of a span that has not ended.
     pub(super) end: u64,
     pub(super) links: Vec<SpanId>,
-    /// Whether its status is an error.
+    /// `true` if its status is an error.
     pub(super) has_failed: bool,
 }
 
@@ -77,7 +77,7 @@ const OTHERS: [[&str; 2]; 2] = [["traceID", "operationName"], ["traceId", "local
 /// How deep wrappers lie within each other.
 const DEPTH: usize = 64;
 
-/// What stands in a file, span by span.
+/// The content of a file, span by span.
 type ReadSpans = Vec<Result<SpanRecord, Problem>>;
 
 /// All spans of a file, which is one export or several, one after the other; the last problem may be that it is cut.
@@ -107,7 +107,7 @@ pub(super) fn read(file: &Arc<str>, inner: impl Read) -> Result<ReadSpans, Probl
     Ok(spans)
 }
 
-/// Whether a file's first text is that of spans.
+/// Returns `true` if a file's first text is that of spans.
 pub(super) fn is_export(text: &str) -> bool {
     let is_batches = || text.replace(char::is_whitespace, "").starts_with("{\"batches\":[");
     text.starts_with(['{', '['])

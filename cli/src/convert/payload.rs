@@ -1,4 +1,4 @@
-//! What a recorded message's bytes say: JSON, CDR by the ROS 2 definition beside it, or Protobuf by its descriptors.
+//! Decodes a recorded message: JSON, CDR by its ROS 2 definition, or Protobuf by its descriptors.
 
 mod cdr;
 mod protobuf;

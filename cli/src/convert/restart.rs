@@ -11,7 +11,7 @@ use crate::convert::time::{Id, shown};
 /// Instants of one clock may be stamped out of their order by so much.
 const SLACK: i128 = 1_000_000;
 
-/// Where a run of the operator begins again.
+/// Finds where a log begins another run of the operator.
 #[derive(Clone, Debug)]
 pub(super) struct Restart {
     /// The first entry of the new run.
@@ -33,7 +33,7 @@ struct Opening<'l> {
     place: &'l Place,
 }
 
-/// What is known of a run so far.
+/// The facts about a run so far.
 #[derive(Default)]
 struct RunSoFar<'o> {
     by_at: BTreeMap<i128, &'o Opening<'o>>,
@@ -46,7 +46,7 @@ struct RunSoFar<'o> {
     fell: Option<usize>,
 }
 
-/// Where runs begin again; entries that repeat others are passed over.
+/// Returns the places where runs begin; entries that repeat others are ignored.
 pub(super) fn restarts(log: &Log, repeats: &[bool], notes: &mut Notes) -> Vec<Restart> {
     let openings = openings(log, repeats);
     let is_ranked = log.has_ids && openings.iter().all(|it| matches!(it.id, Id::Number(_)));

@@ -1,4 +1,4 @@
-//! What spans are: the user's names for messages, local's computations and attributes.
+//! The user's names for spans: of messages, of local's computations, and of attributes.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -17,18 +17,18 @@ pub(super) struct SpanOptions {
     /// and there is no local [possible roles: message, local].
     #[arg(long, value_name = "ROLE=NAME", value_delimiter = ',', value_parser = role)]
     span: Vec<(SpanRole, String)>,
-    /// Where an attribute of a span stands, such as t=frame.id; by default `t` is fuseline.t, and so on. t, within, by
-    /// (whose result was sent), latency (ns from its start to its output, if the span ends otherwise) and deadline (local's) are a
-    /// message's, p, deadline, of, for and try a request's.
+    /// The attribute of a span that has a key, such as t=frame.id; by default `t` is fuseline.t, and so on. A message has
+    /// t, within, by (the source of its output), latency (ns from its start to its output, if the span ends at another time)
+    /// and deadline (local's). A request has p, deadline, of, for and try.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
     attribute: Vec<(&'static str, String)>,
-    /// The attribute and value by which a client says that it ended a call itself, such as error.type=CANCELLED: that is no
-    /// failure of the cloud. The codes 1 and 4 of gRPC say so without it.
+    /// The attribute and value of a call that the client itself ended, such as error.type=CANCELLED, which is not a failure
+    /// of the cloud. Calls with gRPC's codes 1 and 4 need no option.
     #[arg(long, value_name = "ATTRIBUTE=VALUE", value_delimiter = ',', value_parser = cancelled)]
     cancelled: Vec<(String, String)>,
 }
 
-/// What a span is to an operator.
+/// The role of a span.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum SpanRole {
     Message,
@@ -38,7 +38,7 @@ pub(super) enum SpanRole {
 
 /// The attributes; where nobody says another name, it is `fuseline.` and the key.
 const KEYS: [&str; 9] = ["t", "within", "by", "latency", "p", "deadline", "of", "for", "try"];
-/// Where RPC clients put the status of a call: the stable attribute, and the older ones of gRPC and Connect.
+/// The attributes of a call's status: the stable one, and the older ones of gRPC and Connect.
 const STATUS_CODES: [&str; 4] = [
     "rpc.status_code",
     "rpc.response.status_code",
@@ -49,7 +49,7 @@ const STATUS_CODES: [&str; 4] = [
 const ENDED: [&str; 5] = ["1", "4", "cancelled", "canceled", "deadline_exceeded"];
 
 impl SpanOptions {
-    /// What a span is by its name and kind; none is neither.
+    /// Returns the role of a span by its name and kind, or `None`.
     pub(super) fn role(&self, span: &SpanRecord) -> Option<SpanRole> {
         if let Some((role, _)) = self.span.iter().find(|(_, name)| *name == span.name) {
             return Some(*role);
@@ -65,7 +65,7 @@ impl SpanOptions {
         }
     }
 
-    /// Whether an attribute of this key was named.
+    /// Returns `true` if an attribute of this key was named.
     pub(super) fn names(&self, key: &str) -> bool {
         self.attribute.iter().any(|(known, _)| *known == key)
     }
@@ -80,9 +80,9 @@ impl SpanOptions {
         span.row.cell(&self.name(key)).filter(|text| !text.is_empty())
     }
 
-    /// Where the values of a span's event stand.
+    /// The places of the values of a span's event.
     pub(super) fn view<'s>(&'s self, event: &'static str, source: Option<&'s str>) -> View<'s> {
-        // Whose an output is says the message; whose a call is says the view.
+        // The message names the source of an output, and the view names the source of a call.
         let keys = KEYS.iter().filter(|key| **key != "p");
         let named = keys.map(|key| Named {
             key: if *key == "by" { "p" } else { key },
@@ -98,7 +98,7 @@ impl SpanOptions {
         }
     }
 
-    /// Whether an attribute or a span of this name is read.
+    /// Returns `true` if an attribute or a span of this name is read.
     pub(super) fn uses(&self, name: &str) -> bool {
         self.attribute.iter().any(|(_, named)| named == name)
             || self.span.iter().any(|(_, named)| named == name)
@@ -106,7 +106,8 @@ impl SpanOptions {
             || name.starts_with("fuseline.")
     }
 
-    /// Whether the caller ended the call: it cancelled it, its own deadline was over, or an attribute has the value that says so.
+    /// Returns `true` if the caller ended the call: it cancelled it, its own deadline was over, or
+    /// an attribute has the value that says so.
     pub(super) fn was_ended_by_caller(&self, span: &SpanRecord) -> bool {
         let is_code = |code: &str| ENDED.contains(&&*code.to_lowercase());
         let is_named =
@@ -153,7 +154,7 @@ impl SpanOptions {
     }
 }
 
-/// Whether a span says how its call ended.
+/// Returns `true` if a span says how its call ended.
 pub(super) fn has_status_code(span: &SpanRecord) -> bool {
     STATUS_CODES.iter().any(|key| span.row.cell(key).is_some())
 }

@@ -10,7 +10,7 @@ use crate::fault::Fault;
 /// Values by the log's own names.
 pub(super) type Cells = Vec<(Arc<str>, String)>;
 
-/// What a source of rows gives; after a problem with a row the next one can be read.
+/// A row, or a problem with it. After a problem the next row can be read.
 pub(super) type ReadRow = Result<Row, Problem>;
 
 /// A line, a row, or a message of a recording.
@@ -24,7 +24,7 @@ pub(super) struct Row {
     pub(super) topic: Option<usize>,
 }
 
-/// Where something stands in a log.
+/// A place in a log.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Place {
     pub(super) file: Arc<str>,
@@ -45,7 +45,7 @@ pub(super) enum Spot {
     File,
 }
 
-/// What is wrong with a log, and where; in one line, whatever the log holds.
+/// A problem of a log, with its place, in one line whatever the log contains.
 #[derive(Clone, Debug, Error)]
 #[error("{place}: {message}")]
 pub(super) struct Problem {
@@ -54,7 +54,7 @@ pub(super) struct Problem {
     pub(super) kind: ProblemKind,
 }
 
-/// What can be done about a problem.
+/// The remedy for a problem.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum ProblemKind {
     /// The row can be left out.
@@ -133,12 +133,12 @@ impl Problem {
         Self::of_kind(kind, place, format!("it cannot be read: {error}"))
     }
 
-    /// What is wrong, without what the user can do about it.
+    /// The problem, without the remedy.
     pub(super) fn without_remedy(&self) -> String {
         self.message.split("; ").next().unwrap_or_default().to_owned()
     }
 
-    /// What the user can do about it; empty if the message does not say.
+    /// The remedy, or empty if the message has none.
     pub(super) fn remedy(&self) -> &str {
         self.message.split_once("; ").map_or("", |(_, remedy)| remedy)
     }

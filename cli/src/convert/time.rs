@@ -20,15 +20,15 @@ pub(crate) enum Unit {
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub(super) struct Time {
     pub(super) nanos: i128,
-    /// Whether it had more decimals than nanoseconds have.
+    /// `true` if it had more decimals than nanoseconds have.
     pub(super) is_rounded: bool,
-    /// Whether it has a comma before its decimals.
+    /// `true` if it has a comma before its decimals.
     pub(super) has_comma: bool,
-    /// Whether it is a time of day without a zone.
+    /// `true` if it is a time of day without a zone.
     pub(super) lacks_zone: bool,
 }
 
-/// What a log calls a message: a number, or a text that gets one.
+/// A message's id in a log: a number, or a text that gets one.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) enum Id {
     Number(u64),
@@ -123,14 +123,14 @@ fn whole(time: Time) -> Option<u64> {
     u64::try_from(time.nanos).ok().filter(|_| !time.is_rounded)
 }
 
-/// Whether it is what programs write where there is no value.
+/// Returns `true` if it is what programs write where there is no value.
 pub(super) fn is_no_value(text: &str) -> bool {
     let text = text.to_lowercase();
     let word = text.strip_prefix('-').unwrap_or(&text);
     ["nan", "none", "null", "nil", "nat", "n/a", "na", "inf", "infinity"].contains(&word)
 }
 
-/// What the user can do about a text that may stand for no value.
+/// Returns the remedy for a text that may mean no value.
 pub(super) fn none_of(text: &str) -> String {
     format!("if it stands for no value, say so with --missing={text}")
 }
@@ -163,7 +163,7 @@ fn decimal(text: &str, digits: i32) -> Option<Time> {
     if figures.is_empty() {
         return Some(Time { has_comma, ..Time::default() });
     }
-    // Where the point stands in what is left of the digits.
+    // The position of the point in the remaining digits.
     let place = |text: &str| i64::try_from(text.len()).ok();
     let point = place(whole)? - (place(&all)? - place(figures)?);
     let point = point + i64::from(exponent) + i64::from(digits);

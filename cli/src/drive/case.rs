@@ -31,7 +31,7 @@ pub(super) struct Suite {
     pub(super) generated: u64,
 }
 
-/// Where a case of a suite is.
+/// The place of a case in a suite.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum CasePlace {
     /// Its index among the fixed ones.
@@ -51,7 +51,7 @@ pub(super) enum GeneratorVersion {
     Second,
 }
 
-/// What generated runs have in common.
+/// The settings that generated runs share.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Generate {
     pub(super) version: GeneratorVersion,
@@ -77,7 +77,7 @@ impl Generate {
         self.clouds.unwrap_or(MOST_CLOUDS)
     }
 
-    /// Whether a case of the corpus is to be driven.
+    /// Returns `true` if a case of the corpus is to be driven.
     fn takes(self, header: &Header) -> bool {
         let is_of_rule = self.commit.is_none_or(|commit| commit == header.commit);
         is_of_rule && header.clouds.len() <= usize::from(self.most_clouds())

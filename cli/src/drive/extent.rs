@@ -6,7 +6,7 @@ use fuseline_testkit::{Coverage, RuleDecision, Run, RunContext};
 use fuseline_traces::{Decision, Header, Input};
 use serde::Serialize;
 
-/// What the runs that passed came to.
+/// The extent of the runs that passed.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
 pub(super) struct DrivenExtent {
     /// How many runs of each commit rule.
@@ -53,7 +53,7 @@ pub(super) struct NumberBits {
     pub(super) timestamps: u32,
     pub(super) instants: u32,
     pub(super) deadlines: u32,
-    /// Of inputs; many are of no cloud.
+    /// The priorities of inputs, many of which no cloud has.
     pub(super) priorities: u32,
     pub(super) backlogs: u32,
     pub(super) limits: u32,

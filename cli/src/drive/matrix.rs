@@ -11,7 +11,7 @@ use crate::exit::Exit;
 /// How much of the suite's digest is shown, in characters.
 const DIGEST: usize = 16;
 
-/// Where a table is written, and how.
+/// The file of a table, and its format.
 #[derive(Clone, Debug)]
 pub(super) struct TableWriter {
     path: PathBuf,
@@ -24,7 +24,7 @@ enum TableForm {
     Html,
 }
 
-/// One case, or several that went alike.
+/// One case, or several with the same outcome.
 struct CaseRow {
     case: String,
     mark: CaseOutcome,
@@ -103,7 +103,7 @@ fn suite(report: &DriveReport) -> String {
     )
 }
 
-/// What the runs reached, kind by kind, with what they did not.
+/// The marks that the runs reached and missed, by kind.
 fn reached(report: &DriveReport) -> Vec<(String, String)> {
     let shares = report.reach.shares().into_iter();
     let line = shares.map(|share| {

@@ -91,7 +91,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         return Err(error.into());
     }
     let written = write(args, &outputs, &report);
-    // Whatever could not be written, the verdict is printed.
+    // The verdict is printed even if files cannot be written.
     let mut out = OutputSink::new(anstream::stdout());
     if args.json {
         let printed = serde_json::to_writer(&mut out, &report.json()).map_err(io::Error::from);
@@ -120,7 +120,7 @@ fn write(args: &Args, outputs: &DriveOutputs, report: &DriveReport) -> Result<()
     Ok(())
 }
 
-/// Where results go. None of these files is read.
+/// The files of the results. None of them is read.
 struct DriveOutputs {
     junit: Option<Output>,
     results: crate::results::Outputs,

@@ -18,7 +18,7 @@ use thiserror::Error;
 
 use crate::interrupt::Interrupt;
 
-/// What ends an answer.
+/// The line that ends an answer.
 const DONE: &[u8] = br#"{"ev":"done"}"#;
 /// How often a wait looks for Ctrl-C.
 const SLICE: Duration = Duration::from_millis(50);
@@ -36,7 +36,7 @@ pub(super) struct Peer {
     input: Option<ChildStdin>,
     output: Option<ChildStdout>,
     chunk: Box<[u8]>,
-    /// What was read; the lines before `consumed` have been handled.
+    /// The bytes read so far; the lines before `consumed` have been handled.
     read: Vec<u8>,
     consumed: usize,
     wait: Duration,
@@ -79,7 +79,7 @@ pub(super) enum ProtocolViolation {
 }
 
 impl ProtocolViolation {
-    /// Whether trying again would only wait as long again.
+    /// Returns `true` if trying again would only wait as long again.
     pub(super) const fn is_slow(&self) -> bool {
         matches!(self, Self::Silent(_) | Self::Closed)
     }
@@ -178,7 +178,7 @@ impl Peer {
             // A closed output can always be read: its end.
             std::thread::sleep(Duration::from_millis(1));
         }
-        // What it wrote before it ended is there now: a line too many is seen however it was timed.
+        // Everything that it wrote before its end has arrived now, so an extra line is always seen.
         self.quiet()?;
         match self.reap() {
             Some(status) if !status.success() => Err(ProtocolViolation::Failed(status).into()),
@@ -279,7 +279,7 @@ impl Peer {
         self.child.wait().ok()
     }
 
-    /// Whether the command itself has ended. It stays to be reaped, so that its group keeps its
+    /// Returns `true` if the command itself has ended. It stays to be reaped, so that its group keeps its
     /// number.
     fn has_ended(&self) -> bool {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
@@ -291,7 +291,7 @@ impl Peer {
     /// Kills it with all that it started in its group.
     fn kill(&self) {
         if let Some(id) = self.id() {
-            // What is gone cannot be killed.
+            // A process that has ended cannot be killed.
             let _ = kill_process_group(id, Signal::KILL);
         }
     }
@@ -317,7 +317,7 @@ impl From<ProtocolViolation> for PeerError {
     }
 }
 
-/// Whether the call is to be tried again.
+/// Returns `true` if the call is to be tried again.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }

@@ -1,4 +1,4 @@
-//! What was driven in words, and what was not, each with the option that reaches it.
+//! Describes what was driven, and what was not, with the option that reaches it.
 
 use std::time::Duration;
 
@@ -29,15 +29,15 @@ pub(super) struct NotDriven {
     pub(super) option: String,
 }
 
-/// What limits the driving, by options.
+/// The limits of driving, by option.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DriveLimits {
     /// Generated runs begin while they have fewer inputs.
     pub(super) inputs: u64,
     pub(super) time: Option<Duration>,
-    /// Whether `--run` names the cases.
+    /// `true` if `--run` names the cases.
     pub(super) is_named: bool,
-    /// Whether results say something of their values.
+    /// `true` if results say something of their values.
     pub(super) has_values: bool,
 }
 
@@ -84,7 +84,7 @@ pub(super) fn lines(extent: &DrivenExtent) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// What was not driven, and how to drive it.
+/// The part that was not driven, with the option that drives it.
 pub(super) fn missing(
     suite: &Suite,
     limits: DriveLimits,

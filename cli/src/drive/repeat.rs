@@ -18,7 +18,7 @@ pub(super) struct RepeatedFinding {
     pub(super) need: Need,
 }
 
-/// What a finding needs in order to show again.
+/// The runs that a finding needs in order to appear again.
 pub(super) enum Need {
     /// Its run alone shows it, in a process of its own.
     Nothing,
@@ -75,7 +75,7 @@ pub(super) fn repeat(
     }
 }
 
-/// What a run shows in a new process after others, if it is what `like` shows.
+/// Returns the finding of a run in a new process after other runs, if it is the finding of `like`.
 fn shows(
     bench: &mut Bench,
     before: &[Run],

@@ -6,7 +6,7 @@ use crate::drive::report::{DriveReport, ReportedFinding};
 use crate::exit::Exit;
 use crate::results::{Level, Problem, Subject};
 
-/// What a command breaks that answers otherwise than it must.
+/// The rules that a wrong answer breaks.
 const PROTOCOL: (&str, &str) = (
     "protocol",
     "The command answers each line with its decisions and then done, and ends with code 0 when its input ends.",

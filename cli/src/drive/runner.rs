@@ -207,7 +207,7 @@ impl<'a> CaseRunner<'a> {
         let of = case.run.inputs.len();
         let RepeatedFinding { finding, need } =
             repeat(&mut self.bench, &self.report.suite, finding, &sent);
-        // What was tried must not reach the runs that follow.
+        // Trials must not affect later runs.
         self.bench.restart();
         let before = match &need {
             Need::Before { runs, .. } => runs.len(),
@@ -293,7 +293,7 @@ fn bar(limits: DriveLimits, fixed: u64, cases: Option<u64>) -> ProgressBar {
     bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// Whether a case is one of the rule that it shows broken.
+/// Returns `true` if a case is one of the rule that it shows broken.
 fn is_telling(case: &DriveCase, finding: &DriveFinding) -> bool {
     match finding.kind {
         FindingKind::Breaks(rule) => {

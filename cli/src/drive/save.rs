@@ -1,4 +1,4 @@
-//! Where the runs that show a finding are saved.
+//! Saves the runs that show a finding.
 
 use std::fs;
 use std::io;

@@ -17,13 +17,13 @@ const TRIES: u32 = 4000;
 /// The longest that the search may take. A quick command on an idle host needs less than five seconds.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// What a run shows, with what was sent and answered.
+/// The finding of a run, with the inputs and the answers.
 pub(super) struct DriveFinding {
     pub(super) reported: Transcript,
     pub(super) kind: FindingKind,
 }
 
-/// What is wrong with a command.
+/// The finding about a command.
 pub(super) enum FindingKind {
     /// It breaks a rule.
     Breaks(Rule),
@@ -31,7 +31,7 @@ pub(super) enum FindingKind {
 }
 
 impl DriveFinding {
-    /// What a run shows, if anything.
+    /// Returns the finding of a run, if there is one.
     pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
             Comparison::Same => None,
@@ -46,7 +46,8 @@ impl DriveFinding {
         }
     }
 
-    /// Whether it is worth trying again: not if that only waits as long again, or if nothing can be left out.
+    /// Returns `true` if it is worth trying again: not if that only waits as long again, or if
+    /// nothing can be left out.
     pub(super) fn is_repeatable(&self) -> bool {
         match &self.kind {
             FindingKind::Breaks(_) => true,
@@ -56,7 +57,7 @@ impl DriveFinding {
         }
     }
 
-    /// Whether another run shows the same.
+    /// Returns `true` if another run shows the same.
     pub(super) fn is_as(&self, other: &Self) -> bool {
         match (&self.kind, &other.kind) {
             (FindingKind::Breaks(one), FindingKind::Breaks(two)) => one == two,
@@ -163,7 +164,7 @@ fn number_clouds(run: &mut Run) {
     registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
 }
 
-/// What makes a run hard to read: its inputs first, then its clouds, its digits, its names.
+/// The size of a run for a reader: its inputs first, then its clouds, its digits and its names.
 fn cost(run: &Run) -> (usize, usize, usize, u128) {
     let Run { header: Header { window, clouds, .. }, inputs } = run;
     let odd = |cloud: &Cloud| usize::from(cloud.resume != cloud.limit - 1);

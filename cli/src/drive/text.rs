@@ -2,7 +2,7 @@
 
 use fuseline_traces::{Decision, Event, Input, Line, parse};
 
-/// What happens, or is decided, in words.
+/// Describes an input or a decision.
 pub(super) fn event(event: &Event) -> String {
     match event {
         Event::Input(input) => self::input(input),
@@ -19,7 +19,7 @@ fn reported(line: &str) -> String {
     }
 }
 
-/// What was found and what was expected, in words, with their instants where nothing else differs.
+/// Describes what was found and expected, with instants only if nothing else differs.
 pub(super) fn both(found: &str, expected: &str) -> [String; 2] {
     let texts = [found, expected].map(reported);
     if texts[0] != texts[1] {

@@ -25,14 +25,14 @@ pub(super) struct Bench {
     command: Vec<OsString>,
     wait: Duration,
     interrupt: Interrupt,
-    /// Whether results say something of their values, and emits must.
+    /// `true` if results say something of their values, and emits must.
     drives_values: bool,
     peer: Option<Peer>,
-    /// Whether it misbehaved before: then its complaints are known already.
+    /// `true` if it misbehaved before: then its complaints are known already.
     misbehaved: bool,
-    /// Whether it ever answered anything.
+    /// `true` if it ever answered anything.
     has_answered: bool,
-    /// What the process that runs now was sent before, in order.
+    /// The runs that the current process got before, in order.
     sent: Vec<SentCase>,
     /// How many inputs were answered.
     pub(super) inputs: u64,
@@ -274,7 +274,7 @@ impl Transcript {
         self.events.extend(decisions);
     }
 
-    /// What the judge says of it.
+    /// Returns the judge's finding.
     pub(super) fn verdict(&self, name: &str) -> Option<Verdict> {
         judge(name, &self.trace()[..]).ok()
     }
@@ -297,7 +297,7 @@ impl Transcript {
     }
 }
 
-/// What ends a run before its end.
+/// An error that ends a run early.
 enum Interrupted {
     PeerError(PeerError),
     Stop(DriveStop),

@@ -15,26 +15,26 @@ use super::report::DriveReport;
 use super::shrink::FindingKind;
 use crate::exit::Exit;
 
-/// What driving a command came to.
+/// The result of driving a command.
 #[derive(Serialize)]
 pub(super) struct WrittenReport {
     pub(super) name: String,
-    /// As a shell takes it.
+    /// The command as a shell reads it.
     pub(super) command: String,
     pub(super) conforms: bool,
-    /// Whether Ctrl-C ended it.
+    /// `true` if Ctrl-C ended it.
     pub(super) interrupted: bool,
-    /// Whether the cases that were left were not tried, since the command did not answer by the protocol.
+    /// `true` if the cases that were left were not tried, since the command did not answer by the protocol.
     pub(super) gave_up: bool,
     pub(super) suite: WrittenSuite,
     pub(super) fixed: Vec<WrittenCase>,
     pub(super) generated: GeneratedRuns,
     pub(super) found: Vec<WrittenFinding>,
-    /// What the command did wrong when its input ended.
+    /// The command's misbehaviour at the end of its input.
     pub(super) at_end: Option<String>,
     /// How far the runs that passed went.
     pub(super) extent: DrivenExtent,
-    /// What was not driven, each with the option that reaches it.
+    /// The parts that were not driven, with the options that reach them.
     pub(super) not_driven: Vec<NotDriven>,
     pub(super) inputs: u64,
     pub(super) seconds: f64,
@@ -42,11 +42,11 @@ pub(super) struct WrittenReport {
     pub(super) reached: BTreeMap<String, u64>,
 }
 
-/// What was driven, so that it can be driven again.
+/// The settings that drive the same runs again.
 #[derive(Serialize)]
 pub(super) struct WrittenSuite {
     pub(super) version: &'static str,
-    /// Of the fixed cases.
+    /// The fixed cases.
     pub(super) hash: String,
     pub(super) generator: u8,
     pub(super) seed: u64,
@@ -85,7 +85,7 @@ pub(super) struct WrittenFinding {
     /// How many inputs the run had at first.
     pub(super) of: usize,
     pub(super) violation: Option<Violation>,
-    /// What broke the protocol.
+    /// The breach of the protocol.
     pub(super) misbehaviour: Option<String>,
     pub(super) trace: String,
     /// `alone`, `after other runs` of the same process, `not again`, or `not tried`.

@@ -18,7 +18,7 @@ pub(super) struct Frames {
     shared: BTreeMap<FrameKey, SharedFrame>,
     /// How much is added to the instants of each trace.
     offsets: Vec<i128>,
-    /// Whether nothing was written yet.
+    /// `true` if nothing was written yet.
     is_first: Cell<bool>,
 }
 
@@ -39,13 +39,13 @@ struct FrameMessage {
     captured: Option<i128>,
 }
 
-/// What one trace's writer knows of them.
+/// One trace's view of the frames.
 pub(super) struct TraceFrames<'a> {
     frames: &'a Frames,
     trace: usize,
 }
 
-/// Where an arrow is at a message.
+/// The place of an arrow at a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum FlowPhase {
     Begin,
@@ -54,7 +54,7 @@ pub(super) enum FlowPhase {
 }
 
 impl Frames {
-    /// Of `traces` traces.
+    /// Creates the frames of `traces` traces.
     pub(super) fn new(traces: usize) -> Self {
         Self { shared: BTreeMap::new(), offsets: vec![0; traces], is_first: Cell::new(true) }
     }
@@ -118,7 +118,7 @@ impl TraceFrames<'_> {
         self.trace + 1
     }
 
-    /// Whether nothing of the file's events was written before; once.
+    /// Returns `true` if nothing of the file's events was written before; once.
     pub(super) fn take_first(&self) -> bool {
         self.frames.is_first.replace(false)
     }

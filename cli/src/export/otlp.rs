@@ -26,9 +26,9 @@ pub(super) struct SpanWriter<W> {
     opened: Option<(u64, Option<u64>)>,
     /// The greatest timestamp opened.
     newest: Option<u64>,
-    /// What spans cannot say of a message, unless it is refused or dropped next.
+    /// The facts about a message that spans cannot express, unless it is refused or dropped next.
     pending: Option<(&'static str, u64)>,
-    /// What spans cannot say: how often, and the first message.
+    /// The facts that spans cannot express: their number, and the first message.
     lost: BTreeMap<&'static str, (u64, u64)>,
     /// The instant of the last line, and of the last that is in a span.
     ends: (u64, u64),
@@ -49,7 +49,7 @@ struct MessageSpan {
     attributes: SpanAttributes,
     /// Of the last output under progressive, and when it was sent.
     by: Option<(u64, u64)>,
-    /// What was requested.
+    /// The requests.
     asked: BTreeSet<(u64, Option<u8>)>,
     /// Local and the requests that have not ended, by their priority and attempt.
     calls: BTreeMap<(u64, Option<u8>), CallSpan>,
@@ -60,7 +60,7 @@ struct CallSpan {
     attributes: SpanAttributes,
 }
 
-/// What stands in a span's list of attributes.
+/// An entry of a span's list of attributes.
 #[derive(Default)]
 struct SpanAttributes(String);
 
@@ -70,7 +70,7 @@ struct EndedSpan<'a> {
     span_id: &'a str,
     /// None of a message's span.
     parent: Option<&'a str>,
-    /// As JSON has it.
+    /// The value in JSON.
     name: &'a str,
     kind: u8,
     start: u64,
@@ -132,7 +132,7 @@ impl<W: Write> SpanWriter<W> {
         self.opened = None;
         match *input {
             Input::Open { at, t, deadline } => {
-                // One that is refused leaves the message that is open as it is.
+                // A refused open leaves the open message unchanged.
                 if self.newest.is_some_and(|newest| t <= newest) {
                     self.pending = Some((OPEN, t));
                 }
@@ -338,7 +338,7 @@ impl SpanAttributes {
         }
     }
 
-    /// What a result or an output says of its value.
+    /// The keys of a result's or an output's value.
     fn value(&mut self, ValueKeys { of, meant_for }: ValueKeys) {
         self.optional("fuseline.of", of);
         self.optional("fuseline.for", meant_for);
@@ -396,7 +396,7 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
         if !matches!(event, Event::Input(Input::Tick { .. })) {
             self.ends.1 = self.ends.1.max(event.at());
         }
-        // What is due comes before the refusal.
+        // Timers that are due come before the refusal.
         if matches!(event, Event::Input(_))
             && let Some((what, t)) = self.pending.take()
         {
@@ -432,7 +432,7 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
     }
 }
 
-/// So many bytes of a text's digest, in hexadecimal.
+/// Returns this many bytes of a text's digest, in hexadecimal.
 fn digest(text: &str, bytes: usize) -> String {
     const DIGITS: &[u8; 16] = b"0123456789abcdef";
     let digest = digest_of(&SHA256, text.as_bytes());

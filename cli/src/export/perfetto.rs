@@ -24,15 +24,15 @@ pub(super) struct Tracks<'a, W> {
     out: W,
     /// The event that is being written.
     event: Vec<u8>,
-    /// Where the frames go that this trace shares with others.
+    /// The writer of the frames that this trace shares with others.
     frames: TraceFrames<'a>,
     /// The open messages, by timestamp.
     messages: BTreeMap<u64, MessageOrigin>,
-    /// Those of them that were opened once more, which is about to be refused (F1).
+    /// The open messages whose timestamp was opened again, which is about to be refused (F1).
     repeated: BTreeSet<u64>,
     /// By priority; all sources that are not registered share the last one.
     sources: BTreeMap<Option<u64>, SourceTrack>,
-    /// Whether an output leaves its timestamp open (F9).
+    /// `true` if an output leaves its timestamp open (F9).
     is_progressive: bool,
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
@@ -41,7 +41,7 @@ pub(super) struct Tracks<'a, W> {
     latest_track: u32,
 }
 
-/// What an open message comes from.
+/// The origin of an open message.
 struct MessageOrigin {
     opened: u64,
     origin: Option<Origin>,
@@ -86,7 +86,7 @@ struct TraceEvent<'a, A> {
     tid: u32,
 }
 
-/// What an event is called.
+/// Returns an event's name.
 struct EventName<'a> {
     t: u64,
     label: &'a str,
@@ -96,7 +96,7 @@ struct EventName<'a> {
 #[derive(Serialize)]
 struct OrNull(Option<u64>);
 
-/// What a call's slice says.
+/// Returns the text of a call's slice.
 #[derive(Serialize)]
 struct CallArgs<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -113,7 +113,7 @@ struct CallArgs<'a> {
     t: u64,
 }
 
-/// What an instant says.
+/// Returns the text of an instant.
 #[derive(Serialize)]
 struct InstantArgs {
     #[serde(skip_serializing_if = "Option::is_none")]

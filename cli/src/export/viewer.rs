@@ -1,4 +1,4 @@
-//! What the formats of viewers have in common.
+//! The part that the viewers' formats share.
 
 use std::io;
 
@@ -7,7 +7,7 @@ use fuseline_traces::{Annotations, Event};
 /// Takes a trace line by line.
 pub(super) trait TraceViewer {
     fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()>;
-    /// What was left out so far, since the format has no place for it.
+    /// The keys that were omitted so far, because the format has no place for them.
     fn left_out(&self) -> Vec<String> {
         Vec::new()
     }

@@ -78,7 +78,7 @@ fn read_batches(
                 true
             });
         }
-        // Where judging has ended, it says why.
+        // When judging has ended, it returns the reason.
         let is_judged = lines.send(batch).is_ok();
         if !read? || !is_judged {
             return Ok(cut);
@@ -96,7 +96,7 @@ fn judge_batches(
         for LineRead { line, event, annotations } in batch.drain(..) {
             judge(line, event, annotations.as_deref().unwrap_or(&none))?;
         }
-        // Where there is no room for it, it is not needed.
+        // If there is no room for it, it is not needed.
         drop(judged.try_send(batch));
     }
     Ok(())

@@ -12,7 +12,7 @@ pub(crate) struct Growing {
     path: PathBuf,
     /// Holds the lock.
     file: File,
-    /// Whether it was not there before.
+    /// `true` if it was not there before.
     is_new: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What is left of an output that Ctrl-C ends.
+//! Checks what remains of an output that Ctrl-C ends.
 #![cfg(unix)]
 
 use std::env;

@@ -1,4 +1,4 @@
-//! What was measured, in bounded memory however long the probe runs.
+//! The figures of a probe, in bounded memory however long it runs.
 
 use std::time::Duration;
 

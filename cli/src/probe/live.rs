@@ -1,4 +1,4 @@
-//! What a probe shows while it runs.
+//! Shows the progress of a probe.
 
 use std::io::Write;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use crate::probe::options::Args;
 use crate::probe::summary::{counted, quantile};
 use crate::progress::ProgressLine;
 
-/// What standard error shows while the probe runs.
+/// The progress on standard error while the probe runs.
 pub(crate) struct ProbeProgress {
     line: ProgressLine,
     span: Option<Duration>,

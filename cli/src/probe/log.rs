@@ -1,4 +1,4 @@
-//! What happened slot by slot: rows for the recording, figures for the summary.
+//! Logs each slot: rows for the recording, and figures for the summary.
 
 use std::io::Write;
 use std::time::Duration;
@@ -14,7 +14,7 @@ pub(crate) struct ProbeLog<W: Write> {
     pub(crate) latest: Option<Duration>,
     rows: SlotRows<W>,
     period: Duration,
-    /// What an answer needs besides, and when it must all be done.
+    /// The time that an answer needs in addition, and the deadline of both.
     runtime: Duration,
     deadline: Duration,
     pause: Option<Pause>,
@@ -66,7 +66,7 @@ impl<W: Write> ProbeLog<W> {
         }
     }
 
-    /// So many slots passed while this host did something else.
+    /// The number of slots that passed while this host did something else.
     pub(crate) fn overslept(&mut self, slots: u32) {
         self.figures.counts.slots += u64::from(slots);
         if self.pause.is_some() {
@@ -88,7 +88,7 @@ impl<W: Write> ProbeLog<W> {
         let Figures { counts, answers, slots, .. } = &mut self.figures;
         if let Some(round_trip) = round_trip {
             counts.answered += 1;
-            // What is there at the deadline is late (A1).
+            // An answer at the deadline is late (A1).
             counts.in_time += u64::from(round_trip + self.runtime < self.deadline);
             answers.add(round_trip);
             slots.add(round_trip);

@@ -42,7 +42,7 @@ use fuseline_evaluation::plot::Folder;
 
 pub(crate) use crate::probe::options::Args;
 
-/// What the recording is called if it has no other name.
+/// The default name of the recording.
 const RECORDING: &str = "fuseline-probe.csv";
 /// How long the server may take for its first answer.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -80,7 +80,7 @@ pub(crate) fn probe(args: &Args) -> Result<Exit, Fault> {
     } else {
         runtime.block_on(measure(args, &interrupt))
     };
-    // Whatever still runs belongs to calls that were given up.
+    // Tasks that still run belong to calls that were given up.
     runtime.shutdown_background();
     ended.map(|()| Exit::Conforms)
 }
@@ -141,7 +141,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let written = drive(&mut log, &schedule, send_request, interrupt.wait(), look).await;
     live.end();
     let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.is_set());
-    // What was measured is printed whatever becomes of the files.
+    // The summary is printed even if the files cannot be written.
     let written = written.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {
             summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
@@ -217,7 +217,7 @@ async fn reach(
 const START: &str = "start `fuseline probe --serve` there first";
 const TOKEN: &str = "give the server's token with --token-file";
 
-/// What to do about a failure, by its words and whether it was over TLS.
+/// Returns the remedy for a failure, by its text and by whether it was over TLS.
 fn remedy(is_secret: bool, why: &str) -> &'static str {
     if why.contains("does not speak TLS") {
         "give an http URL"

@@ -13,7 +13,7 @@ pub(crate) enum SlotAction {
     Skip,
 }
 
-/// What is unanswered, and whether that has stopped the sending.
+/// The unanswered requests, and whether they have paused the sending.
 #[derive(Debug, Default)]
 pub(crate) struct SendPacing {
     queued: usize,

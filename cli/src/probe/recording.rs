@@ -31,7 +31,7 @@ pub(crate) struct PlotRow {
     pub(crate) sent: f64,
     /// In milliseconds; none if there was no answer.
     pub(crate) round_trip: Option<f64>,
-    /// Whether a pause began and nothing was sent.
+    /// `true` if a pause began and nothing was sent.
     pub(crate) is_pause: bool,
 }
 
@@ -103,7 +103,7 @@ impl ProbeRecording {
     }
 }
 
-/// What is wrong, without the system's words for it.
+/// The problem, without the system's text.
 fn described(error: &TableError) -> String {
     match error.source.kind() {
         csv::ErrorKind::Io(source) => plain(source),
@@ -116,7 +116,7 @@ fn described(error: &TableError) -> String {
 }
 
 impl RowCells {
-    /// What is wrong: the column, the figure and what it must be.
+    /// The problem: the column, the figure, and its allowed values.
     fn check(&self, before: f64) -> Result<(), (&'static str, f64, &'static str)> {
         if !(self.sent_ms > before && self.sent_ms.abs() <= LATEST_MS) {
             return Err(("sent_ms", self.sent_ms, "milliseconds, greater than the line before"));
@@ -130,7 +130,7 @@ impl RowCells {
 
     fn plot_row(&self) -> PlotRow {
         let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
-        // What is sent has fewer unanswered before it.
+        // A request is sent only with fewer unanswered ones before it.
         let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
         PlotRow { sent: self.sent_ms / 1000.0, round_trip, is_pause }
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 /// The columns; `sent_ms` and `rtt_ms` are those of a drive.
 const COLUMNS: [&str; 4] = ["sent_ms", "rtt_ms", "queued", "utc_ms"];
 
-/// What was done at a slot.
+/// The action at a slot.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SlotRow {
     /// Since the probe began.
@@ -19,7 +19,7 @@ pub(crate) struct SlotRow {
     pub(crate) request_outcome: RequestOutcome,
 }
 
-/// What became of it.
+/// The outcome.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum RequestOutcome {
     /// It is under way.

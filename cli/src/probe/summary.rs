@@ -17,11 +17,11 @@ use fuseline_report::Quantile;
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// What a probe came to.
+/// The result of a probe.
 #[derive(Debug, Serialize)]
 pub(crate) struct ProbeSummary {
     url: String,
-    /// Whether the user ended it.
+    /// `true` if the user ended it.
     interrupted: bool,
     rate: f64,
     runtime_ms: f64,
@@ -124,7 +124,7 @@ impl fmt::Display for ProbeSummary {
     }
 }
 
-/// What was plotted, in words.
+/// Describes the plots.
 pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
     let svgs = files.iter().filter_map(|file| file.strip_suffix(".svg"));
     let names: Vec<&str> = svgs.filter(|name| !name.ends_with("-dark")).collect();
@@ -141,7 +141,7 @@ pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
     }
 }
 
-/// Whole milliseconds, and tenths below ten.
+/// Formats whole milliseconds, and tenths below ten.
 fn millis(at: Duration) -> String {
     let ms = at.as_secs_f64() * 1000.0;
     let decimals = usize::from(ms < 9.95);

@@ -134,7 +134,7 @@ fn run_and_page_report_what_the_operator_counted() {
     }
 }
 
-/// What the page of a trace has for its script.
+/// Returns the data of a trace's page.
 fn data(trace: &[u8]) -> Value {
     let mut page = PageWriter::default();
     let mut events = Events::new("trace", trace).unwrap();

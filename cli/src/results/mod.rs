@@ -21,19 +21,19 @@ type RuleText = (&'static str, &'static str);
 /// The options that name the files.
 #[derive(clap::Args)]
 pub(crate) struct Files {
-    /// Write what breaks a rule as SARIF, which code hosts show beside the change.
+    /// Write violations as SARIF, which code hosts show beside the change.
     #[arg(long, value_name = "FILE")]
     sarif: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
 }
 
-/// Where the files go, and how each is written.
+/// The files of the results, and the writer of each.
 pub(crate) struct Outputs(Vec<(Output, ResultWriter)>, Overwrite);
 
 type ResultWriter = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
-/// What was judged: a trace, or a command that was driven.
+/// The subject of a verdict: a trace, or a command that was driven.
 pub(crate) struct Subject {
     /// The trace's name, or the command's.
     pub(crate) name: String,
@@ -61,7 +61,7 @@ pub(crate) struct Problem {
     pub(crate) file: String,
     /// From 1; none if it is about the whole.
     pub(crate) line: Option<u64>,
-    /// What is wrong, in lines without colours.
+    /// The violations, in lines without colours.
     pub(crate) text: String,
 }
 
@@ -94,7 +94,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Whether nothing is to be written.
+    /// Returns `true` if nothing is to be written.
     pub(crate) const fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

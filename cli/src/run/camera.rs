@@ -24,7 +24,7 @@ use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
-/// What its frames come from, in the trace.
+/// The origin of its frames in the trace.
 const STREAM: &str = "camera";
 /// How often it is checked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
@@ -53,7 +53,7 @@ struct Detector<'a> {
     plan: &'a RunPlan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
-    /// What all clouds share.
+    /// The settings that all clouds share.
     link: EmulatedLink,
 }
 
@@ -138,7 +138,7 @@ impl Camera<'_> {
     ) -> RunMetadata {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up().await;
-        // Without frames to come the operator ends once all is answered.
+        // After the last frame the operator ends once everything is answered.
         drop((self.frames, self.output));
         let so_far = self.running.tally();
         let (tally, recording_error) = match self.running.join().await {
@@ -160,7 +160,7 @@ impl Camera<'_> {
         let Self { plan, frames, running, output, .. } = self;
         let image = Bytes::from(vec![0; REQUEST_BYTES]);
         let (mut period, mut looks) = (interval(plan.period), interval(live.period()));
-        // Where the operator lags behind, a frame waits until outputs were read.
+        // If the operator lags behind, a frame waits until outputs were read.
         let (mut shot, mut waiting) = (0, None);
         while shot < plan.frames {
             tokio::select! {
@@ -210,7 +210,7 @@ fn cannot_spawn(error: SpawnError) -> Fault {
     }
 }
 
-/// Whether computations were begun that have not come to an end.
+/// Returns `true` if computations were begun that have not come to an end.
 fn is_behind(local: &SourceTally) -> bool {
     let ended = local.outputs.get(&Trigger::Arrival).copied().unwrap_or_default()
         + local.held

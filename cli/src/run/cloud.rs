@@ -10,7 +10,7 @@ use crate::emulation::EmulationError;
 use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::{Model, ModelError};
 
-/// One cloud as the options name it.
+/// One cloud of the options.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct CloudOptions {
     pub(crate) name: String,
@@ -18,7 +18,7 @@ pub(crate) struct CloudOptions {
     pub(crate) address: CloudAddress,
 }
 
-/// Where a cloud is.
+/// The place of a cloud.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum CloudAddress {
     /// In this process, behind a recorded network.
@@ -48,7 +48,7 @@ pub(crate) struct NamedValue<T> {
     pub(crate) value: T,
 }
 
-/// What is wrong with a cloud.
+/// A mistake in the options of a cloud.
 #[derive(Debug, Error)]
 pub(crate) enum CloudError {
     #[error("{0:?} is not KEY=VALUE")]
@@ -86,7 +86,7 @@ impl CloudError {
     }
 }
 
-/// What is wrong with all clouds together.
+/// A mistake in the clouds together.
 #[derive(Debug, Error)]
 pub(crate) enum CloudsError {
     #[error("--{option} {cloud:?}: there is no such cloud; there are {clouds}")]

@@ -1,14 +1,14 @@
-//! What came of driving the camera.
+//! The result of driving the camera.
 
 use fuseline_tokio::Tally;
 
-/// What a run's trace does not have.
+/// The facts about a run that its trace does not have.
 pub(crate) struct RunMetadata {
     /// Calls begun to each cloud.
     pub(crate) begun: Vec<u64>,
-    /// What the operator counted.
+    /// The operator's counts.
     pub(crate) tally: Tally,
-    /// Whether the user ended it.
+    /// `true` if the user ended it.
     pub(crate) interrupted: bool,
     /// Why the trace ends before the run does, if so.
     pub(crate) recording_error: Option<String>,

@@ -1,4 +1,4 @@
-//! What can go wrong with a run once it is planned.
+//! The errors of a planned run.
 
 use std::io;
 

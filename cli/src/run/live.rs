@@ -1,4 +1,4 @@
-//! What a run shows while it goes on.
+//! Shows the progress of a run.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,12 +10,12 @@ use crate::progress::ProgressLine;
 use crate::run::plan::RunPlan;
 use crate::run::table::{counted, secs};
 
-/// What standard error shows while the camera runs.
+/// The progress on standard error while the camera runs.
 pub(crate) struct RunProgress<'a> {
     plan: &'a RunPlan,
     began: Instant,
     line: ProgressLine,
-    /// Whether the trace's end was reported.
+    /// `true` if the trace's end was reported.
     is_warned: bool,
 }
 

@@ -64,7 +64,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let mut live = RunProgress::new(&plan);
     let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
     live.end();
-    // Whatever still runs belongs to calls that were given up.
+    // Tasks that still run belong to calls that were given up.
     runtime.shutdown_background();
 
     let reading = Reading::new(&plan.trace, &name, &plan)?;

@@ -23,12 +23,12 @@ use crate::run::queue::Queues;
 use crate::run::sent::SentBytes;
 use crate::run::served::Served;
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Debug, Serialize)]
 pub(crate) struct RunReport {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
-    /// Whether it was ended before its time.
+    /// `true` if it was ended before its time.
     pub(crate) interrupted: bool,
     /// Frames a second.
     pub(crate) rate: f64,
@@ -36,7 +36,7 @@ pub(crate) struct RunReport {
     pub(crate) deadline_ms: u64,
     /// How each message's is chosen.
     pub(crate) policy: &'static str,
-    /// What a millisecond of waiting was worth to it, in points of AP; none if it has no price.
+    /// The price of a millisecond of waiting, in points of AP; `None` if it has none.
     pub(crate) price_per_ms: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
@@ -68,7 +68,7 @@ pub(crate) struct RunReport {
     pub(crate) page: Option<String>,
 }
 
-/// One source's part in a run.
+/// The results of one source in a run.
 #[derive(Debug, Serialize)]
 pub(crate) struct SourceReport {
     pub(crate) name: String,
@@ -77,7 +77,7 @@ pub(crate) struct SourceReport {
     /// Why its server did not say what it serves, if it did not: then the model is what the user
     /// said.
     pub(crate) unsaid: Option<String>,
-    /// Whether its runtime and its network are emulated.
+    /// `true` if its runtime and its network are emulated.
     pub(crate) emulated: bool,
     /// The drive that its network is taken from.
     pub(crate) drive: Option<String>,
@@ -85,14 +85,14 @@ pub(crate) struct SourceReport {
     pub(crate) forwarded: u64,
     /// The same as a part of all messages.
     pub(crate) share: f64,
-    /// What its offers came to, by word.
+    /// The outcomes of its offers, by name.
     pub(crate) requests: BTreeMap<&'static str, u64>,
     /// Why it failed, and how often for that reason.
     pub(crate) failures: BTreeMap<String, u64>,
-    /// What may help against the failures.
+    /// A remedy for the failures.
     #[serde(skip)]
     pub(crate) hint: Option<&'static str>,
-    /// What was written of its requests.
+    /// The bytes of its requests that were written.
     pub(crate) sent_bytes: u64,
 }
 
@@ -109,7 +109,7 @@ pub(crate) struct PolicyReport {
     /// The median of those in outages; null without such.
     pub(crate) outage_response_ms: Option<Quantile>,
     pub(crate) sent_bytes: u64,
-    /// Whether it may have sent more: calls that it would have made were never begun, or were ended
+    /// `true` if it may have sent more: calls that it would have made were never begun, or were ended
     /// before they were answered.
     pub(crate) sent_is_at_least: bool,
 }
@@ -122,7 +122,7 @@ struct ResponseQuantiles {
     p99: Option<Quantile>,
 }
 
-/// What the trace shows and what the judge says of it.
+/// The facts in the trace, and its verdict.
 pub(crate) struct Reading {
     pub(crate) statistics: TraceStatistics,
     pub(crate) queues: Queues,
@@ -320,7 +320,7 @@ fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
     reasons.iter().chain(others).map(|(why, count)| (why.to_owned(), count)).collect()
 }
 
-/// What may help where each call broke a connection without TLS.
+/// The remedy if each call broke a connection without TLS.
 fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
     let CloudServer::Remote(remote) = &cloud.server else { return None };
     let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);

@@ -1,11 +1,11 @@
-//! What each policy sends of the same requests.
+//! Computes which of the same requests each policy sends.
 
 use fuseline_report::RequestRow;
 use fuseline_report::policies::ComparedPolicy;
 
 /// Bytes by source; local's are none.
 pub(super) struct SentBytes {
-    /// What was sent.
+    /// The requests that were sent.
     sent: Vec<u64>,
     /// Had fusion cancelled none, each would have cost what those cost that were begun.
     needed: Vec<u64>,
@@ -26,7 +26,7 @@ impl SentBytes {
         Self { needed: needed.collect(), is_whole: is_whole.collect(), sent }
     }
 
-    /// What a policy sends, and whether it may be more.
+    /// The bytes that a policy sends, and whether there may be more.
     pub(super) fn of(&self, policy: &ComparedPolicy) -> (u64, bool) {
         let is_at_least = match *policy {
             ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
     use fuseline_report::policies::ConstantPolicy;
 
-    /// So many requests, of which so many were answered and the rest cancelled.
+    /// Makes this many requests, some answered and the others cancelled.
     fn row(p: u64, answered: u64, cancelled: u64) -> RequestRow {
         let mut counts = [0; COLUMNS.len()];
         let of = |word: &str| COLUMNS.iter().position(|(name, _)| *name == word);

@@ -12,7 +12,7 @@ use fuseline_evaluation::models::Model;
 /// How long a server may take to say what it serves.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What a cloud serves, as far as is known.
+/// The model that a cloud serves, as far as that is known.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub(crate) struct Served {
     /// The model as people call it.
@@ -23,21 +23,21 @@ pub(crate) struct Served {
     pub(crate) ap: Option<f64>,
     /// The drive that its network is taken from.
     pub(crate) drive: Option<String>,
-    /// Whether its runtime is emulated.
+    /// `true` if its runtime is emulated.
     pub(crate) emulated: bool,
     /// Why its server did not say so; then it is what the user said.
     pub(crate) describe_error: Option<String>,
 }
 
 impl Served {
-    /// What the user said of a server elsewhere, before it was queried.
+    /// The user's description of another server, before it was queried.
     pub(crate) fn reported(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
         Self { model: name, runtime, ap: model.ap, ..Self::default() }
     }
 
-    /// What this vehicle computes itself.
+    /// The model on board.
     pub(crate) fn local(model: &Model) -> Self {
         Self { emulated: true, ..Self::reported(Some(model)) }
     }
@@ -81,7 +81,7 @@ impl From<Description> for Served {
         let Description { model, runtime_ms, ap, drive, emulated } = printed;
         let text =
             |text: String| Some(crate::fault::one_line(&text)).filter(|text| !text.is_empty());
-        // What no time is, is none.
+        // A text that is not a time gives `None`.
         let runtime = runtime_ms.and_then(|ms| Duration::try_from_secs_f64(ms / 1000.0).ok());
         let ap = ap.filter(|ap| (0.0..=100.0).contains(ap));
         Self { model: text(model), runtime, ap, drive: text(drive), emulated, describe_error: None }

@@ -14,7 +14,7 @@ use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 use fuseline_report::policies::BoundedFigure;
 use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Totals};
 
-/// What the columns of the table of policies are called.
+/// The headings of the table of policies.
 const POLICY_COLUMNS: [&str; 8] =
     ["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"];
 /// Shorter outages are not worth a word.
@@ -101,7 +101,7 @@ fn megabits(bits: u64) -> f64 {
     bits as f64 / 1e6
 }
 
-/// Where the emulated runtimes are from.
+/// The source of the emulated runtimes.
 fn whose_runtimes(plan: &RunPlan) -> &'static str {
     let clouds = plan.clouds.iter().filter_map(|cloud| Some(&cloud.emulation()?.model));
     let is_own = |model: &Model| !model.has_papers_runtime();
@@ -166,7 +166,7 @@ impl fmt::Display for RunReport {
     }
 }
 
-/// What became of the messages, in a sentence.
+/// Describes the outcomes of the messages in a sentence.
 struct MessagesSentence<'a>(&'a Totals);
 
 impl fmt::Display for MessagesSentence<'_> {
@@ -180,7 +180,7 @@ impl fmt::Display for MessagesSentence<'_> {
 }
 
 impl RunReport {
-    /// What limits what the table of policies says, broken into lines for a terminal.
+    /// The caveats of the table of policies, wrapped for a terminal.
     fn caveats(&self) -> Vec<String> {
         let mut caveats = vec![
             format!(
@@ -234,7 +234,7 @@ impl RunReport {
         caveats
     }
 
-    /// What the trace does not have, for its page.
+    /// The facts for the page that the trace does not have.
     pub(crate) fn notes(&self, plan: &RunPlan) -> RunNotes {
         let columns = POLICY_COLUMNS.map(ToOwned::to_owned).to_vec();
         let rows = self.policies.iter().map(|policy| policy.row(self.compared)).collect();
@@ -263,7 +263,7 @@ impl RunReport {
         if lines.is_empty() { lines } else { lines + "\n" }
     }
 
-    /// What fusion bought and what it cost.
+    /// The gain and the cost of fusion.
     fn policies_table(&self) -> Table {
         let mut table = table(POLICY_COLUMNS);
         for policy in &self.policies {
@@ -294,7 +294,7 @@ impl PolicyReport {
         row
     }
 
-    /// Whether some figure is a bound.
+    /// Returns `true` if some figure is a bound.
     fn has_bounds(&self) -> bool {
         let mut responses = self.response_ms.iter().chain([&self.outage_response_ms]);
         self.mean_ap.is_some_and(|ap| ap.exact().is_none())
@@ -327,7 +327,7 @@ fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     range(at_least, at_most, " %")
 }
 
-/// What is between two bounds.
+/// The range between two bounds.
 fn range(at_least: f64, at_most: f64, unit: &str) -> String {
     let (least, most) = (outwards(at_least, f64::floor), outwards(at_most, f64::ceil));
     if at_least > 0.0 {
@@ -450,7 +450,7 @@ pub(crate) fn counted(count: u64, noun: &str) -> String {
     if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
-/// Whole milliseconds.
+/// Formats whole milliseconds.
 pub(crate) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
 }

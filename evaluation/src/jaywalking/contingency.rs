@@ -8,7 +8,7 @@ pub(crate) struct Plan {
     pub(crate) validity: u64,
 }
 
-/// What might happen, by its number in a list.
+/// An event that might happen, by its index.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Hypothesis(pub(crate) usize);
 
@@ -17,7 +17,7 @@ impl Hypothesis {
     pub(crate) const CAR_PULLS_OUT: Self = Self(1);
 }
 
-/// What a call will bring, and after how long, in ns.
+/// The answer to a call, and its delay in ns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct PlanReply {
     pub(crate) takes: u64,
@@ -63,7 +63,7 @@ impl ContingencyCalls {
         is_open
     }
 
-    /// Whether a plan for this is cached.
+    /// Returns `true` if a plan for this is cached.
     pub(crate) fn holds(&mut self, now: u64, hypothesis: Hypothesis) -> bool {
         self.pass(now);
         let mut plans = self.cache.plans.iter();

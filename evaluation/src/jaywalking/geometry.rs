@@ -11,10 +11,10 @@ pub(crate) const CAR: (f64, f64) = (4.7, 1.9);
 pub(crate) const RADIUS: f64 = 0.3;
 /// How far to the right of the middle of the car's lane the person begins.
 pub(crate) const ASIDE: f64 = 1.75;
-/// Whoever does not cross within so long never does.
+/// A person who does not cross within this time never does.
 const END: f64 = 60.0;
 
-/// What the car does about the person.
+/// The car's manoeuvre.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Manoeuvre {
@@ -23,7 +23,7 @@ pub(crate) enum Manoeuvre {
     Brake,
 }
 
-/// Where the person is, and what the car can do.
+/// The person's place, and the car's abilities.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct SwerveGeometry {
     /// From the car's front to the person's line at 0 s.

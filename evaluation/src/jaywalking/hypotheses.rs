@@ -14,12 +14,12 @@ pub(crate) struct UnlikelyEvent {
     probability: f64,
 }
 
-/// What the planner does if it happens.
+/// The plan for that event.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct HypothesisRow {
     pub(crate) name: String,
     pub(crate) probability: f64,
-    /// Whether its plan is in the cache as it happens.
+    /// `true` if its plan is in the cache as it happens.
     pub(crate) cached: bool,
     /// In s.
     pub(crate) response: f64,

@@ -23,7 +23,7 @@ const VALIDITY: u64 = 5_000_000_000;
 /// Side requests at once.
 const LIMIT: usize = 1;
 
-/// What becomes of the call for a contingency plan.
+/// The outcome of the call for a contingency plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PlanCallOutcome {
@@ -55,7 +55,7 @@ pub(crate) struct Planning {
 pub(crate) struct PlannerOutput {
     /// From the person's step onto the road until the plan for it was sent, in s.
     pub(crate) response: f64,
-    /// Whether that was the cached plan.
+    /// `true` if that was the cached plan.
     pub(crate) is_cached: bool,
     pub(crate) trace: Option<Vec<u8>>,
 }
@@ -81,7 +81,7 @@ impl PlanCallOutcome {
         }
     }
 
-    /// What the call brings.
+    /// The answer to the call.
     const fn answer(self) -> Option<PlanReply> {
         let person = Plan { hypothesis: Hypothesis::PERSON_ENTERS, validity: VALIDITY };
         let other = Plan { hypothesis: Hypothesis::CAR_PULLS_OUT, validity: VALIDITY };

@@ -15,7 +15,7 @@ use crate::options::time_above_0;
 /// How long before the first frame calls are observed.
 pub(crate) const OBSERVED: Duration = Duration::from_secs(30);
 
-/// Who answers, and by which deadline.
+/// The source that answers, and its deadline.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum ResponsePolicy {
     Local,
@@ -42,7 +42,7 @@ impl ResponsePolicy {
         })
     }
 
-    /// Who answers.
+    /// The answering source.
     pub(crate) const fn approach(self) -> Approach {
         match self {
             Self::Local => Approach::Local,
@@ -52,7 +52,7 @@ impl ResponsePolicy {
         }
     }
 
-    /// Whether it uses the guard.
+    /// Returns `true` if it uses the guard.
     pub(crate) const fn is_guarded(self) -> bool {
         matches!(self, Self::Guard | Self::Expected)
     }

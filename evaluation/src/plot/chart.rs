@@ -1,4 +1,4 @@
-//! What plots are drawn with: a sheet with a title and keys, and charts on it.
+//! Draws plots: a sheet with a title and keys, and charts on it.
 
 use std::ops::Range;
 
@@ -101,7 +101,7 @@ pub fn canvas(
     Drawing { svg, png: picture.png() }
 }
 
-/// What an axis is made of.
+/// The parts of an axis.
 pub trait Scale: AsRangedCoord<Value = f64> {}
 
 impl<T: AsRangedCoord<Value = f64>> Scale for T {}
@@ -116,7 +116,7 @@ pub fn logarithmic(range: &Range<f64>) -> LogPoints {
     LogCoord::from((range.start..range.end).log_scale()).with_key_points(powers)
 }
 
-/// What a logarithmic axis is.
+/// A logarithmic axis.
 pub type LogPoints = WithKeyPoints<LogCoord<f64>>;
 
 /// The ranges and names of two axes.
@@ -139,7 +139,7 @@ pub struct ChartLine {
     pub colour: RGBColor,
     /// In units of the drawing.
     pub width: u32,
-    /// Whether it has gaps.
+    /// `true` if it has gaps.
     pub is_dashed: bool,
     /// From point to point.
     pub points: Vec<(f64, f64)>,

@@ -40,7 +40,7 @@ fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) 
     (first.max(one.min(other)), last.min(one.max(other)))
 }
 
-/// What of a convex shape lies between the edges; empty if nothing does.
+/// Returns the part of a convex shape that lies between the edges; empty if there is none.
 #[must_use]
 pub fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
     let mut remaining = shape.to_vec();

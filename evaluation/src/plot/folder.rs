@@ -13,7 +13,7 @@ use crate::plot::{DARK, LIGHT, Plot, PlotPage};
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub struct Folder(PathBuf);
 
-/// Why a folder cannot be filled.
+/// The reason why a folder cannot be filled.
 #[derive(Debug, Error)]
 pub enum FolderError {
     /// It cannot be made, or takes no files.
@@ -21,7 +21,7 @@ pub enum FolderError {
     Folder {
         /// Its path.
         name: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// There is something in it.
@@ -34,7 +34,7 @@ pub enum FolderError {
     Create {
         /// The file's path.
         name: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }
@@ -87,7 +87,7 @@ fn fault(path: &Path, source: io::Error) -> FolderError {
     FolderError::Create { name: path.display().to_string(), source }
 }
 
-/// What a command's page holds.
+/// The content of a command's page.
 pub struct PageContent<'a> {
     /// Its heading.
     pub title: &'a str,
@@ -95,7 +95,7 @@ pub struct PageContent<'a> {
     pub words: &'a [&'a str],
     /// The plots, from top to bottom.
     pub plots: Vec<Plot>,
-    /// What was printed on the terminal.
+    /// The text that was printed on the terminal.
     pub reported: &'a str,
 }
 

@@ -22,7 +22,7 @@ pub use theme::{DARK, LIGHT, Theme};
 pub struct Plot {
     /// The name of its files.
     pub name: &'static str,
-    /// What it shows, in a sentence.
+    /// The caption.
     pub caption: String,
     draw: Box<dyn Fn(&Theme) -> Drawing>,
 }

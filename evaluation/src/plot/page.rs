@@ -1,4 +1,4 @@
-//! One page with plots and words, for a browser without a network.
+//! Writes a page with plots and text that needs no network.
 
 use std::fmt::Write;
 
@@ -27,7 +27,7 @@ pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1p
 
 pub(super) struct PlotPage<'a> {
     pub(super) title: &'a str,
-    /// What it is about, a paragraph each.
+    /// The text, by paragraph.
     pub(super) words: &'a [&'a str],
     /// From top to bottom: a caption, and the SVG on light and on dark ground.
     pub(super) figures: &'a [(&'a str, [String; 2])],

@@ -97,7 +97,7 @@ impl Picture {
             VPos::Center => 0.25,
             VPos::Bottom => -0.25,
         };
-        // As the SVG of plotters has it.
+        // The colour, as the SVG of plotters has it.
         let size = (style.size() / 1.24) as f32;
         let em = size / f32::from(face.units_per_em());
         let (right, down) = style.transform().transform(1, 0);
@@ -150,7 +150,7 @@ const IN_MEMORY: &str = "it is in memory";
 
 /// The outline of a text in units of its font, upwards.
 struct Outline {
-    /// Where the glyph stands.
+    /// The position of the glyph.
     x: f32,
     path: PathBuilder,
 }

@@ -15,7 +15,7 @@ pub struct Sheet<'a> {
     picture: &'a mut Picture,
 }
 
-/// What became of a shape.
+/// The state of a shape.
 type Drawn = Result<(), DrawingErrorKind<Error>>;
 
 impl<'a> Sheet<'a> {

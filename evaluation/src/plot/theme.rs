@@ -7,7 +7,7 @@ use plotters::style::RGBColor;
 pub struct Theme {
     /// The ending of its files' names.
     pub suffix: &'static str,
-    /// What it is drawn on.
+    /// The background.
     pub ground: RGBColor,
     /// Words and axes.
     pub ink: RGBColor,
@@ -15,13 +15,13 @@ pub struct Theme {
     pub soft: RGBColor,
     /// Lines of the grid.
     pub line: RGBColor,
-    /// What avoids, or is in time.
+    /// The colour of avoided collisions and of timely results.
     pub good: RGBColor,
-    /// What collides, or is late.
+    /// The colour of collisions and of late results.
     pub bad: RGBColor,
-    /// What is written on good and bad.
+    /// The text colour on good and bad.
     pub on_colour: RGBColor,
-    /// What buildings are filled with.
+    /// The colour of buildings.
     pub wall: RGBColor,
     /// Lines and bars, one after the other.
     pub series: [RGBColor; 7],

@@ -1,4 +1,4 @@
-//! One run: who sees the runner when, what the planner gets of it, and whether the cars touch.
+//! Plays one run: when the runner is seen, what the planner gets, and whether the cars touch.
 
 use serde::Serialize;
 
@@ -43,13 +43,13 @@ pub(crate) struct Ego {
     pub(crate) brake_delay: f64,
 }
 
-/// What a run is about.
+/// The settings of a run.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing<'a> {
     pub(crate) geometry: CrossingGeometry,
     pub(crate) ego: &'a Ego,
     pub(crate) approach: WarningSource,
-    /// Of the requests to the cloud, in s.
+    /// The deadline of requests to the cloud, in s.
     pub(crate) round_trip: f64,
 }
 
@@ -80,7 +80,7 @@ impl Ego {
     }
 }
 
-/// One of ego's operators, in a run.
+/// One of ego's operators in a run.
 struct CrossingOperator {
     operator: ScenarioOperator,
     name: &'static str,
@@ -211,7 +211,7 @@ impl Crossing<'_> {
         }
     }
 
-    /// Whether a detector's output makes the planner brake.
+    /// Returns `true` if a detector's output makes the planner brake.
     fn sees(&self, planner: &mut Planner, output: &ScenarioOutput) -> bool {
         let captured = seconds(captured(u32::try_from(output.t).unwrap_or(u32::MAX)));
         let sight = match output.source {
@@ -226,7 +226,7 @@ impl Crossing<'_> {
         planner.take(usize::try_from(output.t).unwrap_or(usize::MAX), sight)
     }
 
-    /// Whether what the cloud answered makes the planner brake.
+    /// Returns `true` if what the cloud answered makes the planner brake.
     fn is_reported(&self, answers: &[Vec<VehicleState>], output: &ScenarioOutput) -> bool {
         let index = usize::try_from(output.t).unwrap_or(usize::MAX);
         let reported = answers.get(index).filter(|_| output.source == Some(CLOUD));

@@ -36,9 +36,9 @@ pub(crate) struct Intersection {
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
     heading: f64,
-    /// Where the runner's front is at the meeting.
+    /// The place of the runner's front at the meeting.
     pub(crate) runner_at: Point,
-    /// Where ego's front is then.
+    /// The place of ego's front at that time.
     pub(crate) ego_at: f64,
     /// How far before `runner_at` the runner would have to stop.
     pub(crate) line: f64,
@@ -135,7 +135,7 @@ impl CrossingGeometry {
         Rectangle { front, heading, length, width }
     }
 
-    /// Whether a camera of this range sees the runner: both ends of its front and their middle.
+    /// Returns `true` if a camera of this range sees the runner: both ends of its front and their middle.
     pub(crate) fn sees(&self, now: f64, range: f64) -> bool {
         let [x, y] = self.ego(now).front;
         let camera = [x - CAMERA, y];

@@ -10,9 +10,9 @@ use crate::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
 const METRE: f64 = 11.0;
-/// What is shown, in m: from left to right, and from below to above.
+/// The visible area in m, horizontally and vertically.
 const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
-/// Where the picture begins below the words.
+/// The top of the picture, below the text.
 const TOP: f64 = 104.0;
 
 /// A picture of each variant, at the delta nearest to 0.
@@ -147,7 +147,7 @@ fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
     }
 }
 
-/// Where both cars are, half second by half second; ego by shared locations.
+/// Draws both cars each half second, ego with shared locations.
 fn paths(
     theme: &Theme,
     canvas: &Canvas<'_>,

@@ -10,21 +10,21 @@ use crate::shape::Point;
 pub(crate) const EVERY: u64 = 100_000_000;
 /// When the runner begins.
 const RUNNER_FROM: u64 = 50_000_000;
-/// Who needs more than this to stop at its line will not, in m/s².
+/// A car that would need more than this to stop at its line will not stop, in m/s².
 const HARD: f64 = 4.0;
-/// Who arrives within so many seconds of each other may meet.
+/// Cars that arrive within this many seconds of each other may meet.
 const TOGETHER: f64 = 1.0;
 /// Ego does not brake for what is so far off, in s.
 const AHEAD: f64 = 4.0;
 
-/// Who reports.
+/// The car that reports.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum ReportingVehicle {
     Ego,
     Runner,
 }
 
-/// Where a vehicle's front was, and how it moved.
+/// The position and the movement of a vehicle's front.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct VehicleState {
     /// In the vehicles' common time, ns.
@@ -87,7 +87,8 @@ impl<'a> Exchange<'a> {
     }
 }
 
-/// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it reported.
+/// Returns `true` if ego brakes for a neighbour at this instant, by where the neighbour is if it
+/// went on as it reported.
 pub(crate) fn must_brake(geometry: &CrossingGeometry, neighbour: &VehicleState, now: u64) -> bool {
     let heading = geometry.intersection.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];

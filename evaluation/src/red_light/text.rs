@@ -1,4 +1,4 @@
-//! Who collides, for people.
+//! Prints which cars collide.
 
 use std::fmt::Write;
 

@@ -21,7 +21,7 @@ fn outline(front: [f64; 2], degrees: f64) -> Vec<[f64; 2]> {
     sides.chain(ends).collect()
 }
 
-/// Whether a point lies in a car that drives along +x, `spare` metres around it counted in.
+/// Returns `true` if a point lies in a car that drives along +x, `spare` metres around it counted in.
 fn is_in(front: [f64; 2], point: [f64; 2], spare: f64) -> bool {
     let (x, y) = (front[0] - point[0], (point[1] - front[1]).abs());
     -spare <= x && x <= 4.7 + spare && y <= 0.95 + spare

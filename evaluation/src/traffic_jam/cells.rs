@@ -33,7 +33,7 @@ pub(crate) struct Jam {
     guard: Option<Guard>,
 }
 
-/// What a speed, an approach and a response come to, over all phases.
+/// The outcome of a speed, an approach and a response over all phases.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct Cell {
     pub(crate) speed: f64,
@@ -62,7 +62,7 @@ pub(crate) enum Colour {
     Mixed,
 }
 
-/// What a cell is about.
+/// The settings of a cell.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct CellParameters {
     pub(crate) speed: f64,
@@ -71,7 +71,7 @@ pub(crate) struct CellParameters {
 }
 
 impl Cell {
-    /// Whether it is as the paper's; true where the paper has no such cell.
+    /// Returns `true` if it is as the paper's; true where the paper has no such cell.
     pub(crate) fn is_as_in_paper(&self) -> bool {
         self.paper.is_none_or(|paper| self.outcome == paper)
     }

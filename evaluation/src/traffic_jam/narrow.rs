@@ -35,7 +35,7 @@ pub(crate) struct ConstantMisses {
     pub(crate) misses: usize,
 }
 
-/// What constant deadlines do.
+/// The outcomes of constant deadlines.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Constants {
     pub(crate) some: Vec<ConstantMisses>,
@@ -80,7 +80,7 @@ fn table() -> Vec<(CellParameters, bool)> {
     cells
 }
 
-/// Whether all cells of the paper's table are as there.
+/// Returns `true` if all cells of the paper's table are as there.
 pub(crate) fn holds(vehicle: Vehicle, deadline: DeadlineChoice) -> bool {
     // Where no guard can be, no cell is.
     let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
@@ -138,7 +138,7 @@ pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
     table().iter().filter(|cell| differs(cell)).count()
 }
 
-/// What constant deadlines do.
+/// The outcomes of constant deadlines.
 pub(crate) fn constants(vehicle: Vehicle) -> Constants {
     let constant = |deadline| ConstantMisses { deadline, misses: misses(vehicle, deadline) };
     let some = CONSTANTS.map(constant).to_vec();

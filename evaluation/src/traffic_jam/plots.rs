@@ -17,7 +17,7 @@ use crate::traffic_jam::text::word;
 const LONGEST: f64 = 3.5;
 /// How finely deadlines are looked through, in s.
 const STEP: f64 = 0.02;
-/// So many of them lead to the longest.
+/// The number of steps to the longest one.
 const STEPS: u32 = 175;
 
 pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {

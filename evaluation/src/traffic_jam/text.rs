@@ -11,7 +11,7 @@ use crate::traffic_jam::{ExtraResults, TrafficJamResult};
 /// How wide a cell is.
 const CELL: usize = 7;
 
-/// Why a cell has its mark.
+/// Explains the mark of a cell.
 const HARDER: &str = "\
 * Ours hits harder than local alone. Local alone does not stop there either, so
   ours gave the cloud as long as it might still stop; its result came too late,
@@ -73,7 +73,7 @@ fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
     Ok(())
 }
 
-/// What stands in a cell.
+/// Returns the text of a cell.
 fn shown(cell: &Cell) -> (String, anstyle::Style) {
     let gap = cell.gap.map_or(0.0, |[least, _]| least);
     let impact = cell.impact.map_or(0.0, |[_, greatest]| greatest);

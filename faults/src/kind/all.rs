@@ -23,7 +23,7 @@ const fn program(
     Program { package, target, arguments }
 }
 
-/// What most kinds are: tests, one at a time, which cite by their names, documentation and bodies.
+/// Most kinds are tests that run one at a time, and cite by their names, documentation and bodies.
 const TESTS: WitnessKind = WitnessKind {
     name: "",
     title: "",
@@ -371,30 +371,30 @@ pub const KINDS: &[WitnessKind] = &[
     },
 ];
 
-/// What writes a trace as a run goes on.
+/// The files that write a trace during a run.
 const RECORDER: &str = "traces/src/record.rs";
 
 fn starts_with(fault: &SeededFault, files: &[&str]) -> bool {
     files.iter().any(|file| fault.file.starts_with(file))
 }
 
-/// Whether a fault is in the machine with one caller.
+/// Returns `true` if a fault is in the machine with one caller.
 fn is_of_machine(fault: &SeededFault) -> bool {
     starts_with(fault, &["core/src/", ARBITER])
 }
 
-/// Whether a fault is in the format, the judges or the recorder.
+/// Returns `true` if a fault is in the format, the judges or the recorder.
 fn is_of_judges(fault: &SeededFault) -> bool {
     starts_with(fault, &["traces/src/"])
 }
 
-/// Whether a fault is of core, judges or threads, which run at each landing.
+/// Returns `true` if a fault is of core, judges or threads, which run at each landing.
 pub(crate) fn runs_at_landing(fault: &SeededFault) -> bool {
     let is_of_both = is_of_machine(fault) || is_of_judges(fault);
     fault.case.is_none() && (is_of_both || fault.file.starts_with(THREADS))
 }
 
-/// Whether a kind needs nothing but the builds of core, judges and threads.
+/// Returns `true` if a kind needs nothing but the builds of core, judges and threads.
 pub(crate) fn builds_at_landing(kind: &WitnessKind) -> bool {
     [&MACHINE, &LOOM].contains(&kind.suite)
 }

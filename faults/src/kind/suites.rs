@@ -1,4 +1,4 @@
-//! What the kinds of witness are built from.
+//! The suites from which the kinds of witness are built.
 
 use super::BuildSuite;
 

@@ -43,7 +43,7 @@ struct Instrumenter<'a> {
     file: &'a str,
     text: &'a str,
     decisions: &'a mut Vec<SourceDecision>,
-    /// What is put in where; what comes first stands before what comes later at the same place.
+    /// The insertions by place; earlier ones come first at the same place.
     insertions: Vec<(usize, String)>,
 }
 
@@ -123,7 +123,7 @@ impl<'ast> Visit<'ast> for Instrumenter<'_> {
         self.visit_expr(&arm.body);
     }
 
-    // What the compiler evaluates, it shows itself.
+    // The compiler itself shows what it evaluates.
     fn visit_expr_const(&mut self, _: &'ast ExprConst) {}
 
     fn visit_item_mod(&mut self, item: &'ast ItemMod) {
@@ -133,7 +133,7 @@ impl<'ast> Visit<'ast> for Instrumenter<'_> {
     }
 }
 
-/// Whether it is `a && b` or `a || b`.
+/// Returns `true` if it is `a && b` or `a || b`.
 const fn is_tree(expression: &Expr) -> bool {
     matches!(expression, Expr::Binary(binary) if matches!(binary.op, BinOp::And(_) | BinOp::Or(_)))
 }

@@ -1,4 +1,4 @@
-//! What a source's calls need.
+//! The data that a source's calls need.
 
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -16,9 +16,9 @@ pub(super) struct SourceEntry {
     /// None of local.
     pub(super) response_handler: Option<Py<PyAny>>,
     pub(super) encodes: bool,
-    /// What its tasks are called, as `create_task` takes it.
+    /// The name of its tasks, for `create_task`.
     pub(super) named: Py<PyDict>,
-    /// Whether its results are copied, so that what it computes next changes none that is held.
+    /// `true` if its results are copied, so that what it computes next changes none that is held.
     pub(super) copies: bool,
 }
 

@@ -28,16 +28,16 @@ pub(crate) struct SourceCall {
 
 /// How far it is.
 enum CallStage {
-    /// What the handle is called with: the request and its call, or the message and its timestamp.
+    /// The handle's arguments: the request and its call, or the message and its timestamp.
     New(Py<PyAny>, Py<PyAny>),
-    /// What the handle's coroutine is awaited by.
+    /// The object by which the handle's coroutine is awaited.
     Handle(Py<PyIterator>),
     /// A coroutine of the driver's, which does all that is left.
     Driver(Py<PyIterator>),
     Over,
 }
 
-/// What a step came to: a pause, or the end.
+/// The outcome of a step: a pause, or the end.
 type StepResult<'py> = PyResult<Option<Bound<'py, PyAny>>>;
 
 #[pymethods]
@@ -155,7 +155,7 @@ impl SourceCall {
         self.went(py, steps, is_handle, sent)
     }
 
-    /// What a step came to.
+    /// The outcome of a step.
     fn went<'py>(
         &self,
         py: Python<'py>,
@@ -266,13 +266,13 @@ impl SourceCall {
     }
 }
 
-/// What a coroutine is awaited by.
+/// The object by which a coroutine is awaited.
 fn steps_of<'py>(coroutine: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyIterator>> {
     let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
     Ok(steps.cast_into::<PyIterator>()?)
 }
 
-/// Whether it is of a type that nobody need look at.
+/// Returns `true` if it is of a type that nobody need look at.
 pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
     value.is_none()
         || value.is_exact_instance_of::<PyInt>()

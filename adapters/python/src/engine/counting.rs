@@ -27,7 +27,7 @@ struct PyCounts<'a> {
 
 #[pymethods]
 impl PyCounting {
-    /// What was counted so far; what is 0 is left out.
+    /// Returns the counts so far, without those that are 0.
     fn counts(&self) -> Vec<(CountKey, u64)> {
         let mut counts = Vec::new();
         let tally = self.counting.tally();
@@ -64,7 +64,7 @@ impl PyCounting {
         nanos(self.counting.tally().greatest_lag)
     }
 
-    /// Why the recording ended early, if it did.
+    /// Returns the reason why the recording ended early, if it did.
     #[getter]
     fn recording_error(&self) -> Option<String> {
         self.counting.tally().recording_error.as_deref().map(str::to_owned)

@@ -22,7 +22,7 @@ use crate::time::{Nanos, Number};
 
 static CLASSES: PyOnceLock<PolicyClasses> = PyOnceLock::new();
 
-/// What chooses the deadlines of one cloud.
+/// The policy of one cloud.
 pub(crate) enum EnginePolicy {
     Constant(Constant),
     Guard(Box<deadline::Guard>),
@@ -32,7 +32,7 @@ pub(crate) enum EnginePolicy {
     Python(Arc<Py<PyAny>>, PendingException, Traits),
 }
 
-/// What is refused beside some commit rules and lingers.
+/// The policy's requirements on commit rule and linger.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Traits {
     assumes_one_output: bool,

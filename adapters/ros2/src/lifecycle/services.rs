@@ -29,7 +29,7 @@ pub(crate) fn serve(
     node: &NodeName,
     tasks: &mut JoinSet<()>,
 ) -> Result<LifecycleRequests, NodeError> {
-    // One at a time is under way.
+    // Only one transition is under way at a time.
     let (message_publisher, reported) = mpsc::channel(1);
     let ty = |name| TypeName { package: "lifecycle_msgs", name };
     let services = LifecycleServices {
@@ -128,7 +128,8 @@ impl LifecycleServices {
         Some(PendingTransition { reply, done })
     }
 
-    /// Where what is under way ends. After an error everything is closed, and the node begins anew.
+    /// The state in which the current transition ends. After an error everything is closed, and the
+    /// node starts again.
     fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
         let mut next = result;
         while let Some(transition) = state.ended(next) {
@@ -146,7 +147,7 @@ impl LifecycleServices {
     }
 }
 
-/// How what is under way went; never, if nothing is.
+/// Waits for the outcome of the current transition; never ends if there is none.
 async fn done(under_way: &mut Option<PendingTransition>) -> TransitionResult {
     match under_way {
         // The node ended without an answer.

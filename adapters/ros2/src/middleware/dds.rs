@@ -42,7 +42,7 @@ const UNACKNOWLEDGED: i32 = 1024;
 /// ten seconds and more. Nothing watches it, and it suits any deadline that a subscriber requests.
 const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 
-/// How often it is looked whether the participant's event loop still runs.
+/// The time from one check of the participant's event loop to the next.
 const LOOK: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// How many samples of a topic are remembered, so that what came to two participants is taken once: what comes within a

@@ -37,7 +37,7 @@ use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Qos, Role, Settings};
 
-/// How much may wait for a link that is too slow, in messages and in bytes; one message always may.
+/// The bounds on messages and bytes that wait for a slow link; one message may always wait.
 const WAITING: (usize, usize) = (1024, 64 << 20);
 
 /// How much of a topic may wait to be taken in at least, whatever its depth: messages come in bursts, and none is lost for that.
@@ -50,7 +50,7 @@ pub(crate) struct ZenohSession {
     held: Vec<Box<dyn Any + Send + Sync>>,
     /// The tasks that serve the ends; they end with this.
     pub(crate) tasks: JoinSet<()>,
-    /// Whether the session ends with this.
+    /// `true` if the session ends with this.
     is_first: bool,
 }
 
@@ -76,7 +76,7 @@ struct PublishBacklog {
     bytes: AtomicUsize,
 }
 
-/// What publishes, once the type's hash is known.
+/// The publisher, once the type's hash is known.
 struct TypedPublisher {
     writer: PublisherLink,
     source: Gid,
@@ -117,7 +117,7 @@ impl ZenohSession {
         Ok(Self { shared, held, tasks: JoinSet::new(), is_first: true })
     }
 
-    /// The same session, for ends that close before it does.
+    /// Returns the same session, for endpoints that close before it does.
     pub(crate) fn beside(&self) -> Self {
         let shared = Arc::clone(&self.shared);
         Self { shared, held: Vec::new(), tasks: JoinSet::new(), is_first: false }
@@ -164,7 +164,8 @@ impl ZenohSession {
             .spawn(move || {
                 for payload in payloads {
                     let bytes = payload.body.len();
-                    // Without a hash there is no subscriber either: it would have said it.
+                    // Without a hash there is no subscriber either, because its token would contain
+                    // the hash.
                     if let Some(Err(error)) = status_publisher
                         .get()
                         .map(|status_publisher| status_publisher.publish(&payload))
@@ -311,7 +312,7 @@ impl ZenohSession {
     }
 }
 
-/// What comes on a topic, and where it goes.
+/// The receiver of a topic's messages.
 struct Samples<T> {
     end: Arc<Endpoint>,
     types: Types,
@@ -347,7 +348,7 @@ impl Drop for ZenohSession {
     fn drop(&mut self) {
         let (held, session) = (std::mem::take(&mut self.held), self.shared.session.clone());
         let is_first = self.is_first;
-        // Where this runtime's threads may not wait for Zenoh's.
+        // Runs where this runtime's threads must not wait for Zenoh's.
         let ended = thread::spawn(move || {
             drop(held);
             if is_first && let Err(error) = session.close().wait() {
@@ -367,8 +368,8 @@ impl SharedSession {
         Ok((self.session.liveliness().declare_token(token).wait()?, source))
     }
 
-    /// What publishes on a topic. What a slow link does not take is left out, as `rmw_zenoh` does with what keeps the
-    /// last messages.
+    /// Publishes on a topic. Messages that a slow link does not accept are dropped, as `rmw_zenoh`
+    /// does for histories of last messages.
     fn status_publisher(&self, entity: &Entity, qos: Qos) -> zenoh::Result<TypedPublisher> {
         let key = self.owner.key(entity.name, entity.type_name, entity.hash);
         let reliability =

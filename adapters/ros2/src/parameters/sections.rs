@@ -11,7 +11,7 @@ use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueO
 /// The key above a node's parameters.
 const PARAMETERS: &str = "ros__parameters";
 
-/// What a file gives to a node, in order.
+/// Returns the parameters that a file gives to a node, in order.
 pub(super) fn overrides(
     path: &Path,
     text: &str,
@@ -82,7 +82,7 @@ fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) 
     Ok(())
 }
 
-/// Whether the pattern matches the name: `*` stands for one part and `**` for any number of parts.
+/// Returns `true` if the pattern matches the name: `*` stands for one part and `**` for any number of parts.
 fn matches(pattern: &[&str], name: &[&str]) -> bool {
     let (mut part, mut at) = (0, 0);
     // The last ** and where the name goes on after it; earlier ones need no second try.

@@ -18,7 +18,7 @@ pub(super) struct Node {
     pub(super) content: Content,
 }
 
-/// What a node holds.
+/// The value of a node.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum Content {
     /// Text; only plain text may be something other than a string.
@@ -38,7 +38,7 @@ pub(super) struct YamlEntry {
     pub(super) value: Node,
 }
 
-/// Why text is refused as YAML.
+/// The reason why text is refused as YAML.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 pub enum YamlError {
     /// It is not YAML.

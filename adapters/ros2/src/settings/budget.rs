@@ -1,18 +1,19 @@
-//! The end-to-end deadline of messages: when the last node's output is due, and what is kept for the nodes downstream (E3).
+//! The end-to-end deadline of messages, and the part of it that is kept for the nodes downstream
+//! (E3).
 
 use std::time::Duration;
 
 use super::seconds::none_if_zero;
 use super::{ParameterReader, SettingsError};
 
-/// What a pipeline's messages have in common.
+/// The origin and the end-to-end deadline of a pipeline's messages.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct EndToEndSettings {
     /// The stream that messages come from; the input's topic unless it is given.
     pub origin: String,
-    /// How long after a message was taken in the last output is due.
+    /// The time from a message's acceptance until the last output of the pipeline is due.
     pub within: Option<Duration>,
-    /// What of that is kept for the nodes downstream.
+    /// The part of that time that is kept for the nodes downstream.
     pub reserve: Duration,
 }
 

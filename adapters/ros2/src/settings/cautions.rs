@@ -1,4 +1,5 @@
-//! What settings allow and is probably a mistake: the node says so at its start, and `--check` too.
+//! Finds settings that are allowed but probably mistaken. The node logs them at its start, and
+//! `--check` prints them.
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Changes of parameters while the node runs (D16 as set).
+//! Changes parameters while the node runs (D16).
 
 use std::time::Duration;
 
@@ -17,7 +17,8 @@ pub enum Change {
     Deadline(Duration),
     /// `local.deadline`.
     LocalDeadline(Duration),
-    /// A cloud's `deadline`, by its index in [`Settings::clouds`]; none means `deadline`.
+    /// A cloud's `deadline`, by its index in [`Settings::clouds`]; `None` means the node's
+    /// `deadline`.
     CloudDeadline(usize, Option<Duration>),
     /// A cloud's `enabled`, by its index in [`Settings::clouds`].
     CloudEnabled(usize, bool),
@@ -25,28 +26,29 @@ pub enum Change {
     SimTime(bool),
 }
 
-/// Why a parameter was not changed.
+/// The reason why a parameter was not changed.
 #[derive(Clone, PartialEq, Debug, Error)]
 pub enum ChangeError {
     /// There is no such parameter.
     #[error("there is no parameter {0}; the nearest is {1}")]
     Unknown(String, String),
-    /// It is read only when the node starts.
+    /// The parameter is read only when the node starts.
     #[error("{0} is fixed while the node runs; restart it with another value")]
     Fixed(String),
     /// The value is not valid.
     #[error("{0} cannot be {1}; give {2}")]
     Value(String, Value, String),
-    /// With it the node could not keep up.
+    /// The node could not keep up with this value.
     #[error("{0} cannot be {1}: {2}")]
     Workload(String, Value, CapacityErrors),
 }
 
 impl Settings {
-    /// What a new value of a parameter changes. The settings themselves stay as they are.
+    /// Returns the change that a new value of a parameter makes. The settings themselves do not
+    /// change.
     ///
     /// # Errors
-    /// If there is no such parameter, it is fixed, or the value is not valid.
+    /// Returns an error if there is no such parameter, it is fixed, or the value is not valid.
     pub fn check_change(&self, name: &str, value: &Value) -> Result<Change, ChangeError> {
         let Some(known) = self.parameter(name) else {
             let names = self.declared.iter().map(|known| known.name.as_str());

@@ -178,7 +178,7 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
     }))
 }
 
-/// Whether a server's URL names this computer.
+/// Returns `true` if a server's URL names this computer.
 fn is_local(url: &str) -> bool {
     let host = url.split("://").nth(1).unwrap_or_default().trim_end_matches('/');
     let host =
@@ -187,7 +187,7 @@ fn is_local(url: &str) -> bool {
     host == "localhost" || address.is_ok_and(|it| it.is_loopback())
 }
 
-/// Whether it names a server, with nothing behind the port: a path would be left out.
+/// Returns `true` if it names a server, with nothing behind the port: a path would be left out.
 fn is_server(url: &str) -> bool {
     let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
     let Some(rest) = rest.map(|rest| rest.strip_suffix('/').unwrap_or(rest)) else { return false };

@@ -21,7 +21,7 @@ const KNOWN: [(&str, Middleware); 4] = [
     ("rmw_zenoh_cpp", Middleware::Zenoh),
 ];
 
-/// What configures other implementations of DDS, and what of it the node misses.
+/// The variables that configure other implementations of DDS, and what the node does instead.
 const OTHERS: [(&str, &str); 4] = [
     ("ROS_DISCOVERY_SERVER", "it does not ask that server for peers, and may meet none"),
     ("CYCLONEDDS_URI", "its interfaces and peers are those of localhost_only and domain_id"),
@@ -77,12 +77,13 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
         Some(given("middleware", Value::String(chosen.to_string()), RMW))
     }
 
-    /// Whether ROS 2 turns security on.
+    /// Returns `true` if ROS 2 turns security on.
     fn is_secured(&self) -> bool {
         self.get(SECURITY).is_some_and(|value| value == "true")
     }
 
-    /// What is set and not honoured, or not as it reads; each in a sentence.
+    /// Returns the variables that are set but not honoured, or not as they read, each in a
+    /// sentence.
     pub(super) fn cautions(&self, settings: &Settings) -> Vec<String> {
         let mut all = Vec::new();
         match self.get(SECURITY) {

@@ -1,4 +1,4 @@
-//! Which middleware carries topics.
+//! The middleware of topics.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use crate::parameters::Value;
 use crate::settings::reader::ParameterReader;
 use crate::settings::{CloudConnection, SettingsError};
 
-/// What carries a topic's messages.
+/// The middleware that carries a topic's messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Middleware {
     /// DDS, as `rmw_fastrtps` and `rmw_cyclonedds` speak it.
@@ -48,7 +48,7 @@ pub(super) fn read(
 }
 
 impl super::Settings {
-    /// Whether any of the node's topics is on it.
+    /// Returns `true` if any of the node's topics is on it.
     #[must_use]
     pub fn needs(&self, middleware: Middleware) -> bool {
         let clouds = self.clouds.iter().filter_map(|cloud| match &cloud.way {
@@ -61,7 +61,7 @@ impl super::Settings {
             .any(|it| it == middleware)
     }
 
-    /// What carries a topic of the node.
+    /// Returns the middleware of a topic of the node.
     #[must_use]
     pub fn middleware_of(&self, topic: &str) -> Middleware {
         if [&self.local.input, &self.local.output].iter().any(|it| **it == topic) {

@@ -1,4 +1,4 @@
-//! What an unknown name was probably meant to be.
+//! Finds the name that an unknown name was probably meant to be.
 
 /// The name with the fewest typing errors between them.
 pub(crate) fn nearest<'n>(name: &str, names: impl Iterator<Item = &'n str>) -> String {

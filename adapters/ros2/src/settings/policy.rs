@@ -1,4 +1,4 @@
-//! How deadlines are chosen.
+//! The policy that chooses deadlines.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,27 +15,27 @@ use crate::settings::{FLOAT64, Role, Settings, SettingsError};
 /// The type of messages with the vehicle's twist.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 
-/// How the deadline of each request is chosen, at most the one that it would have without a policy.
+/// The policy that chooses each request's deadline, up to the one without a policy.
 #[derive(Clone, PartialEq, Debug)]
 pub struct DeadlineSettings {
-    /// What chooses deadlines.
+    /// The policy.
     pub kind: PolicyKind,
     /// The vehicle and its sources, for guard and impact.
     pub parameters: Parameters,
-    /// What an output is worth.
+    /// The loss of an output.
     pub accuracy: Accuracy,
     /// One message in this many measures how long a cloud takes.
     pub probe_every: u32,
-    /// Where the speed comes from, if it is known.
+    /// The topic of the speed, if there is one.
     pub speed: Option<SpeedTopic>,
     /// Messages a second, if known.
     pub rate: Option<f64>,
 }
 
-/// What chooses deadlines.
+/// The policy.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PolicyKind {
-    /// Nothing: deadlines stay as set.
+    /// None: deadlines stay as set.
     Set,
     /// The longest deadline that is safe.
     Guard,
@@ -45,14 +45,14 @@ pub enum PolicyKind {
     Guarded,
 }
 
-/// Where the speed comes from.
+/// The topic of the speed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SpeedTopic {
     /// The topic.
     pub topic: String,
     /// `nav_msgs/msg/Odometry` or `std_msgs/msg/Float64`.
     pub type_name: String,
-    /// How long a speed stays valid.
+    /// The time for which a speed is valid.
     pub age: Duration,
 }
 
@@ -70,7 +70,7 @@ impl PolicyKind {
         }
     }
 
-    /// Whether without a speed it never waits longer than local takes.
+    /// Returns `true` if without a speed it never waits longer than local takes.
     const fn goes_by_speed(self) -> bool {
         match self {
             Self::Set | Self::Expected => false,

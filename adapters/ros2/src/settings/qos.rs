@@ -25,11 +25,11 @@ pub struct Topic {
     pub type_name: String,
     /// Which side of it the node is.
     pub role: Role,
-    /// What it requires of its middleware.
+    /// The quality of service.
     pub qos: Qos,
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
-    /// Where its name comes from.
+    /// The parameter that names it.
     pub origin: ValueOrigin,
 }
 
@@ -42,14 +42,14 @@ pub enum Role {
     Publisher,
 }
 
-/// What a topic requires of its middleware; the history is always the last `depth` messages.
+/// A topic's quality of service. Its history is always the last `depth` messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Qos {
-    /// Whether lost messages are sent again.
+    /// `true` if lost messages are sent again.
     pub reliable: bool,
-    /// Whether late subscribers get earlier messages.
+    /// `true` if late subscribers get earlier messages.
     pub transient_local: bool,
-    /// How many messages are kept, 1 to 1024.
+    /// The number of messages that are kept, 1 to 1024.
     pub depth: u16,
 }
 

@@ -18,7 +18,7 @@ pub(super) struct ParameterReader<'a> {
     node: NodeName,
     remaps: &'a [Remap],
     deadlines: DeadlineBound,
-    /// What was read.
+    /// The parameters that were read.
     pub(super) declared: Vec<Parameter>,
     /// The topics among it.
     pub(super) topics: Vec<Topic>,
@@ -181,7 +181,7 @@ impl<'a> ParameterReader<'a> {
         figure.map(|figure| figure.value)
     }
 
-    /// What is wrong with a parameter that was read, by another one.
+    /// Returns an error about a parameter that was read.
     pub(super) fn out_of_range(&self, name: &str) -> SettingsError {
         let read = self.declared.iter().find(|declared| declared.name == name);
         let (value, origin) = match read {
@@ -306,7 +306,8 @@ impl<'a> ParameterReader<'a> {
         Ok(idle)
     }
 
-    /// Whether a name that no parameter has is one of this node's, with typing errors or below a name that it uses.
+    /// Returns `true` if a name that no parameter has is one of this node's, with typing errors or
+    /// below a name that it uses.
     fn is_meant(&self, name: &str, error: &SettingsError) -> bool {
         let errors = if name.len() < 8 { 1 } else { 2 };
         let is_near = |known: &str| strsim::damerau_levenshtein(name, known) <= errors;
@@ -325,7 +326,7 @@ impl<'a> ParameterReader<'a> {
         self.overrides.contains_key(name)
     }
 
-    /// Where a parameter is given, if it is.
+    /// Returns the place where a parameter is given, if it is.
     pub(super) fn origin(&self, name: &str) -> Option<ValueOrigin> {
         self.overrides.get(name).map(|parameter| parameter.origin.clone())
     }

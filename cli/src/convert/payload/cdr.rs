@@ -22,7 +22,7 @@ pub(in crate::convert) struct CdrLayout {
 #[derive(Debug, Default)]
 pub(super) struct CdrType {
     pub(super) fields: Vec<CdrField>,
-    /// Whether it is a time or a duration.
+    /// `true` if it is a time or a duration.
     pub(super) is_time: bool,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct CdrField {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum FieldKind {
     Bool,
-    /// Of so many bytes, as the next two.
+    /// A number of this many bytes, like the next two kinds.
     Unsigned(usize),
     Signed(usize),
     Float(usize),
@@ -156,7 +156,7 @@ impl<'d> FieldReader<'d> {
                 for _ in 0..len {
                     let before = self.at;
                     self.value(kind, None, depth)?;
-                    // Those without bytes have no end otherwise.
+                    // Values without bytes would never end otherwise.
                     if self.at == before {
                         break;
                     }

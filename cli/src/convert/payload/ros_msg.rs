@@ -8,7 +8,8 @@ use super::cdr::{CdrField, CdrLayout, CdrType, FieldKind, FieldShape};
 const TIME: [&str; 2] = ["int32 sec", "uint32 nanosec"];
 const TIMES: [&str; 2] = ["builtin_interfaces/Time", "builtin_interfaces/Duration"];
 
-/// What a service's event begins with, whatever the service is; recordings have the definition of the service instead.
+/// The beginning of a service's event, for any service; recordings have only the service's own
+/// definition.
 const SERVICE_EVENT: &str = "\
 service_msgs/ServiceEventInfo info
 ========

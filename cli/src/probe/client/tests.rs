@@ -136,7 +136,7 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
     let counts = log.figures.counts;
     assert_eq!((counts.pauses, counts.skipped, counts.missed), (1, skipped, 0));
     assert_eq!((counts.slots, counts.sent + counts.skipped), (180, 180));
-    // One row for the pause, at its first slot, with 31 queued.
+    // The pause has one row, at its first slot, with 31 requests queued.
     let pauses: Vec<&[f64; 3]> = rows.iter().filter(|row| row[1] < 0.0).collect();
     let [row] = pauses[..] else { panic!("{pauses:?}") };
     assert!((row[2] - 31.0).abs() < 1e-9);
@@ -186,7 +186,7 @@ async fn ended_by_the_user_the_recording_is_whole() {
 async fn slots_that_were_overslept_are_reported_and_not_made_up() {
     let send_request = |slot| async move {
         if slot == 9 {
-            // As if the host stood still.
+            // The host seems to stand still.
             advance(ms(1000)).await;
         }
         true

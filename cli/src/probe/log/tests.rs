@@ -57,7 +57,7 @@ struct RecountedRow {
     round_trip: Option<Duration>,
 }
 
-/// What happened, in plain lists.
+/// The events, in plain lists.
 #[derive(Default)]
 struct RecountedProbe {
     counts: RequestCounts,
@@ -77,7 +77,7 @@ const RUNTIME: Duration = ms(100);
 const DEADLINE: Duration = ms(500);
 
 impl RecountedProbe {
-    /// Whether a request is sent.
+    /// Returns `true` if a request is sent.
     fn slot(&mut self, due: Duration, sent: Duration) -> bool {
         self.counts.slots += 1;
         let (queued, is_paused) = (self.under_way.len(), !self.pause.is_empty());

@@ -10,7 +10,7 @@ use fuseline_evaluation::plot::{
 use fuseline_evaluation::{TripQuantiles, paper_round_trips};
 use fuseline_report::Quantile;
 
-/// What is distinguished, in parts of all answers.
+/// The resolution, as a share of all answers.
 const STEPS: u64 = 500;
 
 pub(crate) fn plot(extent: &Extent, about: String) -> Plot {

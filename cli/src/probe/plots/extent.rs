@@ -8,7 +8,7 @@ use crate::probe::recording::PlotRow;
 use crate::probe::summary::{counted, quantile};
 use fuseline_evaluation::paper_round_trips;
 
-/// What a first look at a recording shows.
+/// The extent of a recording, from a first pass.
 pub(crate) struct Extent {
     pub(crate) rows: u64,
     pub(crate) answered: u64,

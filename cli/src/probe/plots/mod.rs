@@ -1,4 +1,4 @@
-//! What a probe looks like: its round trips over time, and their distribution.
+//! Plots a probe: its round trips over time, and their distribution.
 
 mod distribution;
 mod extent;
@@ -12,7 +12,7 @@ use crate::probe::plots::series::Series;
 use crate::probe::recording::ProbeRecording;
 use fuseline_evaluation::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 
-/// What the page says first.
+/// The caption of the page.
 const CAPTION: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless stated otherwise, and \
     a reply of 1 KB came back. With more than 30 unanswered the sending paused until none was. The paper's figures \
     are those of its 5G drive through San Francisco.";

@@ -15,7 +15,7 @@ const SIZE: (u32, u32) = (860, 500);
 const ACROSS: f64 = 760.0;
 const UP: f64 = 350.0;
 
-/// What is seen of a recording, distinguished as finely as the drawing does.
+/// The visible part of a recording, at the resolution of the drawing.
 #[derive(Clone)]
 pub(crate) struct Series {
     seconds: Range<f64>,
@@ -58,7 +58,7 @@ impl Series {
             }
             None if !plot_row.is_pause => drop(self.lost.insert(x)),
             None => match self.pauses.last_mut() {
-                // As one, so that there are no more than the drawing shows.
+                // They are drawn as one, so that there are no more than the drawing shows.
                 Some(pause) if plot_row.sent - pause.1 < unit / 2.0 => pause.1 = plot_row.sent,
                 Some(_) | None => self.pauses.push((plot_row.sent, plot_row.sent)),
             },

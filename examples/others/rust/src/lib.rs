@@ -49,7 +49,7 @@ impl DrivenRun {
         self.scenario["delays"].as_array().expect("delays")
     }
 
-    /// Whether something happens at this message.
+    /// Returns `true` if something happens at this message.
     pub fn is_at(&self, key: &str, t: usize) -> bool {
         self.scenario[key].as_u64() == Some(t as u64)
     }
@@ -65,7 +65,7 @@ impl DrivenRun {
         self.record("request", t, &format!(r#","p":1,"try":{attempt},"deadline":{deadline}"#));
     }
 
-    /// Whether calls wait for one another.
+    /// Returns `true` if calls wait for one another.
     pub fn has_queue(&self) -> bool {
         self.mode == "tower-queue"
     }

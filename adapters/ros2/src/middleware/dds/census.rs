@@ -17,10 +17,10 @@ use tracing::warn;
 use super::rejoin::Loss;
 use crate::middleware::end::{Endpoint, Gid};
 
-/// How often it is counted.
+/// The time from one count to the next.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// What the identifiers of all ends of one participant begin with.
+/// The prefix of the identifiers of a participant's endpoints.
 const PREFIX: usize = 12;
 
 /// The last participants of this process: during a rejoin there are two, and peers forget the former one later.
@@ -79,7 +79,7 @@ impl Drop for Census {
     }
 }
 
-/// Whoever else publishes on a topic.
+/// Another publisher of a topic.
 fn rivals(writers: &[DiscoveredWriterData], topic: &str) -> BTreeSet<Gid> {
     let own = lock(&OWN);
     let of_topic = writers

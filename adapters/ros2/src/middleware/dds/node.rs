@@ -129,7 +129,7 @@ impl RosNode {
             joined.readers.spawn(serving);
             let service = Arc::clone(&service);
             Ok(NewEntity::new(move || {
-                // Who would start is gone only if the participant is.
+                // The receiver is gone only if the participant is.
                 let _ = start.send(());
                 service.server.replace(server)
             }))

@@ -28,13 +28,14 @@ pub(super) use self::recent::RecentIds;
 use self::wall_clock::WallClock;
 use crate::error::NodeError;
 
-/// How often the wall clock is looked at.
+/// The time from one look at the wall clock to the next.
 const CLOCK_PERIOD: Duration = Duration::from_millis(20);
 
-/// How often it is checked whether the second participant has met the peers.
+/// The time from one check for the second participant's peers to the next.
 const MATCH_PERIOD: Duration = Duration::from_millis(20);
 
-/// How long it has to meet them. Some may be gone, which the first participant does not notice.
+/// The time that it has to meet them. Some may be gone, which the first participant does not
+/// notice.
 const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// How long both participants stay, once before the second takes over and once after: peers meet it later than it meets
@@ -42,11 +43,11 @@ const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
 /// once a second, so in less time that peer may not have met it.
 const OVERLAP: Duration = Duration::from_millis(1500);
 
-/// How long what was sent by the first participant may stay unacknowledged. A subscriber that was killed acknowledges
-/// nothing.
+/// The time for which samples of the first participant may stay unacknowledged. A subscriber that
+/// was killed acknowledges nothing.
 const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// How long after a failure it is tried again.
+/// The pause after a failure.
 const RETRY_PERIOD: Duration = Duration::from_secs(3);
 
 /// The domain, joined until it is left.
@@ -161,7 +162,7 @@ mod tests {
         while end.matched() == 0 || publisher.matched() == 0 {
             sleep(MATCH_PERIOD).await;
         }
-        // What comes right after discovery may be before the writer's first heartbeat.
+        // A sample right after discovery may come before the writer's first heartbeat.
         sleep(OVERLAP).await;
         let domains = [receiving.handle(), sending.handle()];
         let rejoins = async move {

@@ -15,7 +15,7 @@ use crate::raw::Payload;
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::Qos;
 
-/// How many requests of a service may wait in the session; the oldest are left out.
+/// The number of requests of a service that may wait in the session; the oldest are dropped.
 const REQUESTS: usize = 64;
 
 impl ZenohSession {

@@ -12,7 +12,7 @@ use zenoh::{Session, Wait};
 
 use super::wire::{TokenOwner, type_of};
 
-/// What is done once a hash is known, on a thread of its own.
+/// The action once a hash is known, on a thread of its own.
 type HashCallback = Box<dyn FnOnce(&str) + Send>;
 
 /// Hashes by the types' names in DDS.

@@ -20,10 +20,10 @@ use crate::settings::Qos;
 const BACKENDS: &str = "/backends:cpu:";
 /// Ends the key of what is for such subscriptions alone.
 const GROUP: &str = "/_buf_cpu";
-/// How long an attachment is, in bytes.
+/// The length of an attachment, in bytes.
 const ATTACHMENT: usize = 33;
 
-/// What a token announces.
+/// The announcement of a token.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TokenKind {
     Node,
@@ -32,7 +32,7 @@ pub(crate) enum TokenKind {
     Service,
 }
 
-/// Whose tokens they are.
+/// The owner of the tokens.
 #[derive(Clone, Debug)]
 pub(super) struct TokenOwner {
     pub(super) domain: u16,
@@ -53,14 +53,14 @@ pub(super) struct Entity<'a> {
     pub(super) hash: &'a str,
 }
 
-/// What comes with each message, request and answer.
+/// The attachment of each message, request and answer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Attachment {
-    /// Of its publisher or client; from 1.
+    /// The sequence number of its publisher or client, from 1.
     pub(crate) sequence: i64,
     /// When it was sent, in nanoseconds of the time of day.
     pub(crate) sent: i64,
-    /// Whose it is.
+    /// The source.
     pub(crate) source: Gid,
 }
 
@@ -112,7 +112,7 @@ impl TokenOwner {
         format!("@ros2_lv/{}/*/*/*/*/*/*/*/*/{type_name}/*/*/**", self.domain)
     }
 
-    /// Whether a token is of this session.
+    /// Returns `true` if a token is of this session.
     pub(super) fn owns(&self, token: &str) -> bool {
         token.split('/').nth(2) == Some(&self.session)
     }
@@ -138,7 +138,7 @@ pub(super) fn hash_of(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or_default()
 }
 
-/// What identifies the owner of a token.
+/// The identifiers of a token's owner.
 pub(crate) fn gid(token: &str) -> Gid {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }
@@ -153,7 +153,7 @@ impl Attachment {
         bytes
     }
 
-    /// None if these are no attachment of ROS.
+    /// Returns `None` if the bytes are not an attachment of ROS.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (sequence, rest) = bytes.split_first_chunk()?;
         let (sent, rest) = rest.split_first_chunk()?;

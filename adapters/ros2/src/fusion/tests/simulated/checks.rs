@@ -154,7 +154,7 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     })
 }
 
-/// Whether a status, with its output on the right topic, is what the trace decided.
+/// Returns `true` if a status, with its output on the right topic, is what the trace decided.
 fn is_decided(
     revision: usize,
     (decided, outcome): (u64, MessageOutcome),

@@ -271,7 +271,8 @@ impl<'a> Facts<'a> {
         self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
-    /// Whether a message before this input has its key. One that was refused counts only if `is_there` at its end.
+    /// Returns `true` if a message before this input has its key. One that was refused counts only
+    /// if `is_there` at its end.
     pub(super) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
         self.messages.iter().zip(&self.opened).any(|(message, opened)| {
             let is_before = message.serial < serial;
@@ -283,7 +284,7 @@ impl<'a> Facts<'a> {
         })
     }
 
-    /// Whether another input with this one's key came at the same instant.
+    /// Returns `true` if another input with this one's key came at the same instant.
     pub(super) fn is_doubled_at_once(&self, serial: usize) -> bool {
         let at = &self.played.log.arrived_at;
         let is_same = |other: &usize| {

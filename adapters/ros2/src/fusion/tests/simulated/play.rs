@@ -75,7 +75,7 @@ pub(super) struct StatusReport {
 /// An output, and whether it found its subscriber in time.
 #[derive(Debug)]
 pub(super) struct Output {
-    /// Whether it is on the topic of revisions.
+    /// `true` if it is on the topic of revisions.
     pub(super) is_revision: bool,
     pub(super) value: Result<Value, Vec<u8>>,
     pub(super) is_sent: bool,

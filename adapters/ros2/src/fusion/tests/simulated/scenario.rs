@@ -28,9 +28,9 @@ pub(super) struct Peer {
     pub(super) in_flight: u16,
     /// The gate's limit; local has none.
     pub(super) limit: u16,
-    /// Whether it is called, or receives by topics as local does.
+    /// `true` if it is called, or receives by topics as local does.
     pub(super) is_called: bool,
-    /// Whether its late results are published.
+    /// `true` if its late results are published.
     pub(super) hints: bool,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Input {
     pub(super) at: Duration,
     pub(super) key: u64,
     pub(super) form: Form,
-    /// Whether its output finds a subscriber that is too far behind.
+    /// `true` if its output finds a subscriber that is too far behind.
     pub(super) is_unsent: bool,
     /// What becomes of it at each peer that gets a request.
     pub(super) fates: Vec<Delivery>,

@@ -24,7 +24,7 @@ pub(crate) struct DomainHandle(Arc<Mutex<ParticipantState>>);
 
 /// A participant, and what runs in it.
 pub(crate) struct JoinedParticipant {
-    /// Of who else publishes on its topics. It has a part in the participant, so it ends first.
+    /// The census of other publishers. It uses the participant, so it ends first.
     pub(crate) census: Census,
     pub(crate) participant: DomainParticipant,
     pub(crate) publisher: Publisher,
@@ -37,13 +37,14 @@ pub(crate) struct JoinedParticipant {
     open: watch::Sender<()>,
 }
 
-/// What a factory created in a participant. It is not in use before it has taken over.
+/// An endpoint that a factory created in a participant. It is used only after it has taken over.
 pub(crate) struct NewEntity {
     is_matched: Box<dyn Fn() -> bool + Send>,
     take_over: Box<dyn FnOnce() -> Drain + Send>,
 }
 
-/// What the current participant has in use. There is one as soon as it has taken over the first time, which is at once.
+/// The endpoint in use in the current participant. It exists from the first takeover on, which
+/// happens at once.
 pub(crate) struct InUse<T>(RwLock<Option<T>>);
 
 /// Waits until what was replaced has nothing more to send, and then closes it.
@@ -120,14 +121,15 @@ impl DomainHandle {
         Ok((next, entities))
     }
 
-    /// From now on the second participant is the current one; returns the first one, and what is to be drained of it.
+    /// Makes the second participant the current one. Returns the first one, and the readers to
+    /// drain.
     pub(crate) fn take_over(
         &self,
         mut next: JoinedParticipant,
         mut entities: Vec<NewEntity>,
     ) -> Result<(JoinedParticipant, Vec<Drain>), NodeError> {
         let mut state = self.locked();
-        // What was created for the first time meanwhile.
+        // The endpoints that were created meanwhile.
         for factory in &mut state.factories[entities.len()..] {
             entities.push(factory(&mut next)?);
         }
@@ -219,7 +221,7 @@ impl NewEntity {
         Self { is_matched: Box::new(is_matched), ..self }
     }
 
-    /// Whether it has met the peers of what it is to replace.
+    /// Returns `true` if it has met the peers of what it is to replace.
     pub(crate) fn is_matched(&self) -> bool {
         (self.is_matched)()
     }
@@ -231,7 +233,7 @@ impl<T> InUse<T> {
         self.0.write().unwrap_or_else(PoisonError::into_inner).replace(next)
     }
 
-    /// None before there is one.
+    /// `None` before there is one.
     pub(crate) fn with<A>(&self, access: impl FnOnce(&T) -> A) -> Option<A> {
         self.0.read().unwrap_or_else(PoisonError::into_inner).as_ref().map(access)
     }
