@@ -1,6 +1,7 @@
 //! What tests the system as it ships, each behind a feature of its name:
 //!
 //! - [`parsers`]: every parser of what comes from outside, over any bytes.
+//! - [`judge`]: how a simulated run is judged; the tests of the ROS 2 node use it too.
 //! - [`simulate`]: the shipped operator in virtual time, among hostile sources, readers and disks.
 //! - `chaos`, a binary: shipped operators with real clouds while the network and the clouds break.
 #![cfg_attr(
@@ -8,6 +9,8 @@
     expect(dead_code, reason = "what the command does with what it has read is not here")
 )]
 
+#[cfg(feature = "judge")]
+pub mod judge;
 #[cfg(feature = "parsers")]
 pub mod parsers;
 #[cfg(feature = "simulate")]

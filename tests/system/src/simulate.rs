@@ -8,7 +8,6 @@ mod link;
 mod log;
 mod peers;
 mod play;
-mod replay;
 mod saved_seeds;
 mod scenario;
 mod servers;
@@ -16,7 +15,7 @@ mod shrink;
 mod simulator;
 mod value;
 
-pub use checks::{CHECKS, Check, Finding};
+pub use checks::CHECKS;
 pub use graphs::graph_findings;
 pub use saved_seeds::{KeptSeed, saved_seeds};
 pub use scenario::{

@@ -1,17 +1,16 @@
 //! Runs each check on the same seeds, and on the saved ones. Each check has a test, so that each can be a
 //! witness.
 
-use std::collections::BTreeMap;
 use std::sync::LazyLock;
 use std::thread;
 
+use fuseline_system_tests::judge::BrokenChecks;
 use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
 
 /// This many seeds from 0 on show everything that ever caught a seeded fault, in a few seconds.
 const SEEDS: u64 = 300;
 
-/// The seed that broke each check, and how.
-static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
+static BROKEN: LazyLock<BrokenChecks> = LazyLock::new(|| {
     let saved = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed);
     let seeds: Vec<u64> = saved.chain(0..SEEDS).collect();
     let half = |first| broken_of(seeds.iter().skip(first).step_by(2));
@@ -23,24 +22,18 @@ static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|
     broken
 });
 
-fn broken_of<'a>(seeds: impl Iterator<Item = &'a u64>) -> BTreeMap<&'static str, (u64, String)> {
+fn broken_of<'a>(seeds: impl Iterator<Item = &'a u64>) -> BrokenChecks {
     let simulator = Simulator::new().expect("a folder for traces");
-    let mut broken = BTreeMap::new();
+    let mut broken = BrokenChecks::default();
     for seed in seeds {
         let run = simulator.simulate(&Scenario::draw(*seed)).expect("a folder for traces");
-        for finding in run.findings {
-            broken.entry(finding.check).or_insert((*seed, finding.reason));
-        }
+        broken.add(*seed, run.findings);
     }
     broken
 }
 
 fn holds(check: &str) {
-    assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, reason)) = BROKEN.get(check) {
-        let reason: String = reason.chars().take(2000).collect();
-        panic!("seed {seed}: {reason}");
-    }
+    BROKEN.holds(CHECKS, check);
 }
 
 /// Each message leads to one item, as and when the trace says (D1).

@@ -10,8 +10,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
+use fuseline_system_tests::judge::Finding;
 use fuseline_system_tests::simulate::{
-    Finding, KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds, server_findings,
+    KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds, server_findings,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};

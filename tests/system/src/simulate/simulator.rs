@@ -8,7 +8,8 @@ use std::time::Duration;
 use fuseline_tokio::Tally;
 use tempfile::TempDir;
 
-use crate::simulate::checks::{Facts, Finding};
+use crate::judge::Finding;
+use crate::simulate::checks::Facts;
 use crate::simulate::log::Log;
 use crate::simulate::play::{OperatorEnd, RunResult, play};
 use crate::simulate::scenario::Scenario;

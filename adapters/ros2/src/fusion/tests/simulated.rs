@@ -24,8 +24,9 @@ use std::sync::{LazyLock, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use checks::{CHECKS, Finding};
+use checks::CHECKS;
 use facts::Facts;
+use fuseline_system_tests::judge::{BrokenChecks, Finding};
 use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
@@ -45,8 +46,7 @@ const KEPT: [u64; 0] = [];
 /// What the seeds came to.
 #[derive(Default)]
 struct Sum {
-    /// By check: the first seed that broke it, and how.
-    broken: BTreeMap<&'static str, (u64, String)>,
+    broken: BrokenChecks,
     /// How many runs came to each kind of ending.
     kinds: BTreeMap<&'static str, usize>,
 }
@@ -55,14 +55,12 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
     let mut sum = Sum::default();
     for seed in KEPT.into_iter().chain(0..SEEDS) {
         let (findings, kinds) = simulated(&Scenario::draw(seed));
-        for Finding { check, reason } in findings {
-            sum.broken.entry(check).or_insert((seed, reason));
-        }
+        sum.broken.add(seed, findings);
         for kind in kinds {
             *sum.kinds.entry(kind).or_default() += 1;
         }
         // What hangs goes on in its thread.
-        if sum.broken.contains_key(ENDS) {
+        if sum.broken.has(ENDS) {
             break;
         }
     }
@@ -90,10 +88,7 @@ fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
 }
 
 fn holds(check: &str) {
-    assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, reason)) = SUM.broken.get(check) {
-        panic!("seed {seed}: {reason}");
-    }
+    SUM.broken.holds(CHECKS, check);
 }
 
 /// The seed's run, a smallest one that breaks the same, and why.
@@ -132,6 +127,12 @@ fn d2_an_output_is_what_its_source_sent() {
 #[test]
 fn d3_the_rules_decide_on_topics() {
     holds("d3_the_rules_decide");
+}
+
+/// D4: the backlog of an offer is what waits for its cloud.
+#[test]
+fn d4_backlogs_are_what_waits() {
+    holds("d4_true_backlog");
 }
 
 /// D8: the node ends when it is stopped, and answers what is open before.

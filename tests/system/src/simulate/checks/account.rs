@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use fuseline_engine::{SourceTally, Tally, Trigger};
+use fuseline_engine::{Tally, Trigger};
 use fuseline_tokio::deadline::End;
 use metrics_util::debugging::DebugValue;
 
-use crate::simulate::checks::{Facts, ensure};
+use crate::judge::replay::{AdmittedRequest, Departure};
+use crate::judge::{account, ensure};
+use crate::simulate::checks::Facts;
 use crate::simulate::play::OperatorEnd;
-use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{Disk, OfferAction};
 
 /// The labels of failures of the side requests' message handler.
@@ -42,10 +43,9 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let metrics = metrics(facts);
     if let Some(tally) = &played.tally {
         if facts.is_whole {
-            let reported = reported(facts, tally);
-            ensure(reported == *tally, || {
-                format!("the tally is {tally:#?}\nthe trace has {reported:#?}")
-            })?;
+            let calls =
+                |p| facts.played.log.calls.iter().filter(|call| call.p == p && p > 0).count();
+            account::agrees(&facts.replay, tally, |p| calls(p) as u64)?;
         }
         let metered = if facts.scenario.metered { metered(tally) } else { BTreeMap::new() };
         for (name, count) in &metered {
@@ -61,89 +61,6 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         ensure(unknown.is_empty(), || format!("the tally does not have {unknown:?}"))?;
     }
     sides(facts, &metrics)
-}
-
-/// Returns the tally that the trace implies. Facts that the trace lacks are copied from the tally.
-fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
-    let replay = &facts.replay;
-    let mut reported = Tally {
-        recording_error: tally.recording_error.clone(),
-        late_timers: tally.late_timers,
-        greatest_lag: tally.greatest_lag,
-        handler_failures: tally.handler_failures,
-        ..Tally::default()
-    };
-    for message in &replay.opened {
-        match message.end {
-            Some(Departure::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
-            Some(Departure::Missed) => reported.missed += 1,
-            Some(Departure::Preliminary(_) | Departure::Forwarded(..) | Departure::Final(_))
-            | None => {}
-        }
-    }
-    reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
-    reported.sources = tally.sources.iter().map(|source| source_reported(facts, source)).collect();
-    reported
-}
-
-fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
-    let replay = &facts.replay;
-    let p = tally.source.priority;
-    let requested: Vec<&AdmittedRequest> =
-        replay.requested.iter().filter(|requested| requested.p == p).collect();
-    let count = |is: fn(&AdmittedRequest) -> bool| {
-        requested.iter().filter(|requested| is(requested)).count() as u64
-    };
-    let mut reported = SourceTally {
-        admitted: requested.len() as u64,
-        refused: BTreeMap::new(),
-        outputs: BTreeMap::new(),
-        finals: 0,
-        preliminary: 0,
-        held: replay.held.iter().filter(|held| **held == p).count() as u64,
-        dropped: BTreeMap::new(),
-        failed: 0,
-        failures_dropped: BTreeMap::new(),
-        timers: count(|requested| requested.fired.is_some()),
-        cancelled: count(|requested| requested.cancelled.is_some()),
-        sent_bytes: facts.played.log.calls.iter().filter(|call| call.p == p && p > 0).count()
-            as u64,
-        ..tally.clone()
-    };
-    for (_, _, why) in replay.offers.iter().filter(|(_, of, _)| *of == p) {
-        if let Some(why) = why {
-            *reported.refused.entry(*why).or_default() += 1;
-        }
-    }
-    for item in &replay.items {
-        match item.departure {
-            Departure::Preliminary(of) if of == p => reported.preliminary += 1,
-            Departure::Forwarded(of, trigger) if of == p => {
-                *reported.outputs.entry(trigger).or_default() += 1;
-            }
-            Departure::Final(of) if of == p => reported.finals += 1,
-            Departure::Preliminary(_)
-            | Departure::Forwarded(..)
-            | Departure::Final(_)
-            | Departure::Missed
-            | Departure::Refused(_) => {}
-        }
-    }
-    for message in &replay.opened {
-        reported.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
-    }
-    for dropped in replay.dropped.iter().filter(|dropped| dropped.p == p) {
-        let counts =
-            if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
-        *counts.entry(dropped.why).or_default() += 1;
-    }
-    // Every accepted failure has its reason.
-    if tally.reasons.iter().map(|(_, count)| count).sum::<u64>() + tally.reasons.others()
-        != reported.failed
-    {
-        reported.reasons = fuseline_engine::Reasons::default();
-    }
-    reported
 }
 
 /// Returns the metrics that a tally implies.

@@ -2,9 +2,10 @@
 
 use fuseline_traces::nanos;
 
-use crate::simulate::checks::{Facts, ensure};
+use crate::judge::ensure;
+use crate::judge::replay::{AdmittedRequest, Departure};
+use crate::simulate::checks::Facts;
 use crate::simulate::log::{CallStop, LoggedCall};
-use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{CallResult, Finish, OfferAction, ScenarioLink};
 
 /// tokio's timers tick once in a millisecond.
@@ -43,8 +44,8 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
             .iter()
             .any(|cloud| cloud.p == p && !cloud.policy.is_some_and(|deadline| deadline.is_zero()))
     };
-    let reported = replay.offers.iter().filter(|(_, p, _)| steady(*p));
-    let reported: Vec<_> = reported.map(|(t, p, _)| (*t, *p)).collect();
+    let reported = replay.offers.iter().filter(|offer| steady(offer.p));
+    let reported: Vec<_> = reported.map(|offer| (offer.t, offer.p)).collect();
     ensure(reported == offers, || format!("offers are {reported:?}, not {offers:?}"))
 }
 

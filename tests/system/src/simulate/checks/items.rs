@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 
 use fuseline_traces::nanos;
 
-use crate::simulate::checks::{Facts, ensure};
+use crate::judge::ensure;
+use crate::judge::replay::Departure;
+use crate::simulate::checks::Facts;
 use crate::simulate::log::{LoggedOutcome, LoggedResult, Read};
 use crate::simulate::peers::{failure_text, name};
 use crate::simulate::play::RunResult;
-use crate::simulate::replay::Departure;
 use crate::simulate::scenario::CallResult;
 use crate::simulate::value::ValueLabel;
 

@@ -3,27 +3,28 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use super::facts::{Facts, MessageOutcome, value};
+use fuseline_engine::Trigger;
+use fuseline_system_tests::judge::account;
+use fuseline_system_tests::judge::replay::{DecidedItem, Departure};
+use fuseline_system_tests::judge::{self, Check, Finding, ensure};
+
+use super::facts::{Facts, value};
 use super::play::StatusReport;
 use super::scenario::Form;
 use crate::fusion::LOCAL;
 use crate::report::DiagnosticStatus;
 
-/// One thing that must hold of every run.
-pub(super) struct Check {
-    /// Its name, which begins with the promise of SPEC.md that it is about.
-    pub(super) name: &'static str,
-    holds: fn(&Facts<'_>) -> Result<(), String>,
-}
+type HoldsFor = fn(&Facts<'_>) -> Result<(), String>;
 
 /// All of them.
-pub(super) const CHECKS: &[Check] = &[
+pub(super) const CHECKS: &[Check<HoldsFor>] = &[
     // A run that has no end, and a trace that is not whole, have no facts.
     Check { name: "d8_everything_ends", holds: |_| Ok(()) },
     Check { name: "d10_whole_trace", holds: |_| Ok(()) },
     Check { name: "d1_one_item", holds: one_item },
     Check { name: "d2_its_own_value", holds: its_own_value },
     Check { name: "d3_the_rules_decide", holds: the_rules_decide },
+    Check { name: "d4_true_backlog", holds: true_backlog },
     Check { name: "d8_nothing_is_left", holds: nothing_is_left },
     Check { name: "d11_one_account", holds: one_account },
     Check { name: "d13_lost_words", holds: lost_words },
@@ -32,32 +33,17 @@ pub(super) const CHECKS: &[Check] = &[
     Check { name: "d16_as_set", holds: as_set },
 ];
 
-/// What does not hold of a run.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Finding {
-    pub(super) check: &'static str,
-    /// What is wrong, in words.
-    pub(super) reason: String,
-}
-
 impl Facts<'_> {
     /// Everything that does not hold.
     pub(super) fn findings(&self) -> Vec<Finding> {
-        let found = |check: &Check| {
-            let reason = (check.holds)(self).err()?;
-            Some(Finding { check: check.name, reason })
-        };
-        CHECKS.iter().filter_map(found).collect()
+        judge::findings(CHECKS, |holds| holds(self))
     }
-}
-
-fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(reason()) }
 }
 
 /// D1, D2: each message has one status that is the last, and what is none has the key of one that is remembered.
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
-    let Facts { played, messages, opened, .. } = facts;
+    let Facts { played, messages, replay, .. } = facts;
+    let opened = &replay.opened;
     let last = played.log.statuses.iter().filter(|it| !it.status.message.ends_with("preliminary"));
     let mut reported: Vec<_> = last.filter_map(StatusReport::timestamp).collect();
     reported.sort_unstable();
@@ -66,8 +52,8 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         format!("of {} messages there are statuses {reported:?}", all.len())
     })?;
     ensure(messages.len() == opened.len(), || {
-        let next = &opened[messages.len()];
-        format!("no input came at the instant of {next:?}, the message {}", messages.len())
+        let (t, at) = (messages.len(), opened[messages.len()].at);
+        format!("no input came at the instant {at} of the message {t}")
     })?;
     for serial in &facts.rejected {
         let (input, at) = (&facts.inputs[*serial], played.log.arrived_at[*serial]);
@@ -102,28 +88,27 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
             && facts.inputs.get(value.serial).map(|input| input.key) == key
             && (is_same || Some(value.serial) == serial)
     };
-    for (t, opened) in facts.opened.iter().enumerate() {
-        let Some(message) = facts.messages.get(t) else { continue };
-        for ((_, outcome), reported) in opened.items.iter().zip(&message.reported) {
-            let (MessageOutcome::Preliminary { index }
-            | MessageOutcome::Forwarded { index, .. }
-            | MessageOutcome::Final { index }) = *outcome
+    for (message, opened) in facts.pairs() {
+        let t = usize::try_from(opened.t).unwrap_or(usize::MAX);
+        for (item, reported) in facts.items(opened).zip(&message.reported) {
+            let (Departure::Preliminary(p) | Departure::Forwarded(p, _) | Departure::Final(p)) =
+                item.departure
             else {
                 continue;
             };
             let output = reported.output.as_ref();
             let value = output.and_then(|output| output.value.as_ref().ok()).copied();
-            ensure(value.is_some_and(|value| is_of(value, t, index)), || {
-                format!("{t} was forwarded from {index} as {output:?}")
+            ensure(value.is_some_and(|value| is_of(value, t, p.into())), || {
+                format!("{t} was forwarded from {p} as {output:?}")
             })?;
         }
     }
     // F3: what was late, in that order, of the peers whose late results are published.
     let hints = |index: usize| facts.played.log.hints.iter().filter(move |it| it.0 == index);
     for (index, peer) in facts.scenario.peers.iter().enumerate() {
-        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == index && peer.hints).collect();
+        let late: Vec<_> = facts.late(index).filter(|_| peer.hints).map(|it| it.t).collect();
         let same = hints(index).count() == late.len()
-            && hints(index).zip(&late).all(|((_, value), (_, t))| {
+            && hints(index).zip(&late).all(|((_, value), t)| {
                 let t = usize::try_from(*t).unwrap_or(usize::MAX);
                 value.as_ref().is_ok_and(|value| is_of(*value, t, index))
             });
@@ -137,15 +122,18 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D3: the trace conforms, and what is published is what it decides, when it decides it.
 fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
-    ensure(facts.verdict.violations.is_empty(), || format!("{:?}", facts.verdict))?;
-    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
-        let is_last = opened.items.last().copied() == opened.ended() && !opened.items.is_empty();
-        ensure(is_last && opened.items.len() == message.reported.len(), || {
-            format!("{t} left as {:?}, reported was {:?}", opened.items, message.reported)
+    if let Some(verdict) = &facts.replay.verdict {
+        ensure(verdict.violations.is_empty(), || verdict.to_string())?;
+    }
+    for (message, opened) in facts.pairs() {
+        let items: Vec<_> = facts.items(opened).collect();
+        let is_last = items.last().is_some_and(|item| Some(item.departure) == opened.end);
+        ensure(is_last && items.len() == message.reported.len(), || {
+            format!("{} left as {items:?}, reported was {:?}", opened.t, message.reported)
         })?;
-        for (revision, (item, reported)) in opened.items.iter().zip(&message.reported).enumerate() {
-            ensure(is_decided(revision, *item, reported), || {
-                format!("{t} left as {item:?}, reported was {reported:?}")
+        for (revision, (item, reported)) in items.iter().zip(&message.reported).enumerate() {
+            ensure(is_decided(revision, item, reported), || {
+                format!("{} left as {item:?}, reported was {reported:?}", opened.t)
             })?;
         }
     }
@@ -155,30 +143,38 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// Returns `true` if a status, with its output on the right topic, is what the trace decided.
-fn is_decided(
-    revision: usize,
-    (decided, outcome): (u64, MessageOutcome),
-    reported: &StatusReport,
-) -> bool {
-    let (source, rule, is_revision) = match outcome {
-        MessageOutcome::Preliminary { index } => (Some(name(index)), Some("F9"), Some(true)),
-        MessageOutcome::Forwarded { index, rule } => (Some(name(index)), Some(rule), Some(false)),
-        MessageOutcome::Final { index } => (Some(name(index)), Some("F9"), Some(false)),
-        MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, None),
+fn is_decided(revision: usize, item: &DecidedItem, reported: &StatusReport) -> bool {
+    let (source, rule, is_revision) = match item.departure {
+        Departure::Preliminary(p) => (Some(name(p)), Some("F9"), Some(true)),
+        Departure::Forwarded(p, trigger) => {
+            let rule = match trigger {
+                Trigger::Arrival => "F3",
+                Trigger::Failure => "F4",
+                Trigger::Timer => "F5",
+            };
+            (Some(name(p)), Some(rule), Some(false))
+        }
+        Departure::Final(p) => (Some(name(p)), Some("F9"), Some(false)),
+        Departure::Missed | Departure::Refused(_) => (None, None, None),
     };
-    let words = match outcome {
-        MessageOutcome::Preliminary { index } => format!("{}, preliminary", name(index)),
-        MessageOutcome::Forwarded { .. } => reported.status.message.clone(),
-        MessageOutcome::Final { index } => format!("{}, final", name(index)),
-        MessageOutcome::Missed => "missed".to_owned(),
-        MessageOutcome::Refused(why) => format!("refused: {why}"),
+    let words = match item.departure {
+        Departure::Preliminary(p) => format!("{}, preliminary", name(p)),
+        Departure::Forwarded(..) => reported.status.message.clone(),
+        Departure::Final(p) => format!("{}, final", name(p)),
+        Departure::Missed => "missed".to_owned(),
+        Departure::Refused(why) => format!("refused: {why}"),
     };
-    reported.at == decided
+    reported.at == item.at
         && reported.value("source").map(str::to_owned) == source
         && reported.value("rule") == rule
         && reported.value("revision") == Some(&*revision.to_string())
         && reported.output.as_ref().map(|output| output.is_revision) == is_revision
         && reported.status.message == words
+}
+
+/// D4: the backlog of an offer is what waits for its cloud.
+fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
+    facts.replay.wrong_backlogs.first().map_or(Ok(()), |wrong| Err(wrong.clone()))
 }
 
 /// D8: no message and no result is kept.
@@ -189,60 +185,12 @@ fn nothing_is_left(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D11: the tally has the counts of the trace, and of what was sent.
 fn one_account(facts: &Facts<'_>) -> Result<(), String> {
-    let Facts { played, opened, .. } = facts;
-    let tally = &played.tally;
-    let count = |is: &dyn Fn(MessageOutcome) -> bool| {
-        opened.iter().filter(|it| it.ended().is_some_and(|(_, outcome)| is(outcome))).count() as u64
-    };
-    let refused = count(&|outcome| matches!(outcome, MessageOutcome::Refused(_)));
-    let missed = count(&|outcome| outcome == MessageOutcome::Missed);
-    let reported = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
-    let traced = (opened.len() as u64 - refused, missed, refused);
-    ensure(reported == traced, || {
-        format!("messages, missed, refused: {reported:?}, traced {traced:?}")
-    })?;
-    for (index, source) in tally.sources.iter().enumerate() {
-        let offers = opened.iter().filter_map(|message| message.offers.get(&index));
-        let admitted = if index == LOCAL {
-            opened.len() as u64 - refused
-        } else {
-            offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
-        };
-        let outputs = count(
-            &|outcome| matches!(outcome, MessageOutcome::Forwarded { index: of, .. } if of == index),
-        );
-        let items = || opened.iter().flat_map(|it| &it.items).map(|(_, outcome)| *outcome);
-        let preliminary = items().filter(|it| *it == MessageOutcome::Preliminary { index }).count();
-        let finals = items().filter(|it| *it == MessageOutcome::Final { index }).count();
+    account::agrees(&facts.replay, &facts.played.tally, |p| {
+        let index = usize::from(p);
         let is_called = facts.scenario.peers[index].is_called;
-        let sent = facts.requested(index).map(|requested| requested.bytes).sum::<u64>();
-        let of = |counts: &BTreeMap<usize, u64>| counts.get(&index).copied().unwrap_or(0);
-        let traced = [
-            admitted,
-            outputs,
-            finals as u64,
-            preliminary as u64,
-            of(&facts.timers),
-            of(&facts.cancelled),
-            if is_called { 0 } else { sent },
-        ];
-        let reported = [
-            source.admitted,
-            source.outputs.values().sum(),
-            source.finals,
-            source.preliminary,
-            source.timers,
-            source.cancelled,
-            source.sent_bytes,
-        ];
-        ensure(reported == traced, || {
-            format!(
-                "{index}: admitted, outputs, final, preliminary, timers, cancelled, bytes \
-                 {reported:?}, traced {traced:?}"
-            )
-        })?;
-    }
-    Ok(())
+        let sent = facts.requested(index).filter(|_| !is_called);
+        sent.map(|requested| requested.bytes).sum()
+    })
 }
 
 /// D13: in the calm each message goes to local and to each cloud at once, and the best answers it.
@@ -250,14 +198,14 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
     let calm = facts.scenario.calm();
     let best = facts.scenario.peers.len() - 1;
     let mut count = 0;
-    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
-        let input = &facts.inputs[message.serial];
+    for (message, opened) in facts.pairs() {
+        let (t, input) = (opened.t, &facts.inputs[message.serial]);
         if input.at < calm {
             continue;
         }
         count += 1;
-        let is_best = matches!(opened.ended(), Some((_, MessageOutcome::Forwarded { index, rule: "F3" })) if index == best);
-        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.ended()))?;
+        let is_best = matches!(opened.end, Some(Departure::Forwarded(p, Trigger::Arrival)) if usize::from(p) == best);
+        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.end))?;
         for index in 0..=best {
             let mut requested =
                 facts.requested(index).filter(|requested| requested.serial == message.serial);
@@ -349,13 +297,13 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
 /// topics perhaps, may hold or not.
 fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
-    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
+    for (message, opened) in facts.pairs() {
         let states: Vec<_> = facts.states(facts.played.log.arrived_at[message.serial]).collect();
-        let is_refused = matches!(opened.ended(), Some((_, MessageOutcome::Refused(_))));
+        let is_refused = matches!(opened.end, Some(Departure::Refused(_)));
         let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
         let is_so = |index: usize| {
             let peers = || states.iter().map(|state| state.peers[index]);
-            let Some((deadline, _)) = opened.offers.get(&index) else {
+            let Some(offer) = facts.offer(opened, index) else {
                 return is_refused
                     || peers().any(|it| !it.is_enabled)
                     || peers().any(|it| !it.is_there);
@@ -366,15 +314,15 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
             !is_refused
                 && peers().any(|it| it.is_enabled)
                 && peers().any(|it| it.is_there)
-                && own.chain(common).any(|set| nanos(set) == *deadline)
+                && own.chain(common).any(|set| nanos(set) == offer.deadline)
         };
         ensure(of_local && (1..facts.scenario.peers.len()).all(is_so), || {
-            format!("{t} was {opened:?}; in force were {states:?}")
+            format!("{} does not have what was in force: {states:?}", opened.t)
         })?;
     }
     Ok(())
 }
 
-fn name(index: usize) -> String {
-    if index == LOCAL { "local".into() } else { format!("cloud{index}") }
+fn name(p: u16) -> String {
+    if usize::from(p) == LOCAL { "local".into() } else { format!("cloud{p}") }
 }

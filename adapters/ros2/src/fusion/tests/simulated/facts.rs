@@ -4,12 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use fuseline_testkit::split;
-use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, Verdict, judge};
+use fuseline_engine::Trigger;
+use fuseline_system_tests::judge::replay::{
+    DecidedItem, DecidedOffer, Departure, DroppedResult, OpenedMessage, QueueConfig, Replay,
+};
+use fuseline_traces::DropReason;
 
 use super::play::{RunResult, SentRequest, StatusReport};
 use super::scenario::{Disturbance, Form, Scenario};
-use crate::Commit;
+use crate::fusion::LOCAL;
 use crate::settings::{Change, Settings};
 
 /// What a run may come to, in words.
@@ -34,19 +37,14 @@ pub(super) struct Facts<'a> {
     pub(super) scenario: &'a Scenario,
     pub(super) inputs: Vec<super::scenario::Input>,
     pub(super) played: &'a RunResult,
-    pub(super) verdict: Verdict,
+    /// What the trace says.
+    pub(super) replay: Replay,
     /// By timestamp.
     pub(super) messages: Vec<Message<'a>>,
-    /// By timestamp: what the trace says.
-    pub(super) opened: Vec<OpenedMessage>,
     /// Inputs that were no messages, by their indices.
     pub(super) rejected: Vec<usize>,
     /// Each state that was set, and from when on.
     pub(super) set: Vec<(u64, State)>,
-    pub(super) timers: BTreeMap<usize, u64>,
-    pub(super) cancelled: BTreeMap<usize, u64>,
-    /// Results that were too late or superseded: index and timestamp.
-    pub(super) late: Vec<(usize, u64)>,
 }
 
 /// A message that was accepted, and what was reported of it.
@@ -55,26 +53,6 @@ pub(super) struct Message<'a> {
     pub(super) serial: usize,
     /// In their order.
     pub(super) reported: Vec<&'a StatusReport>,
-}
-
-/// A message as the trace has it.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct OpenedMessage {
-    pub(super) at: u64,
-    pub(super) deadline: Option<u64>,
-    /// Each cloud that got an offer, its deadline, and whether the offer was refused.
-    pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    /// What was sent of it, and when.
-    pub(super) items: Vec<(u64, MessageOutcome)>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum MessageOutcome {
-    Preliminary { index: usize },
-    Forwarded { index: usize, rule: &'static str },
-    Final { index: usize },
-    Missed,
-    Refused(OpenRefusal),
 }
 
 /// What is in force: of the node, and of each cloud.
@@ -100,125 +78,53 @@ impl<'a> Facts<'a> {
     /// # Errors
     /// If the trace cannot be read.
     pub(super) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
-        let verdict = judge("trace", &*played.trace).map_err(|error| error.to_string())?;
         let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
         let parameters: Vec<_> = parameters.collect();
         let parameters: Vec<_> = parameters.iter().map(String::as_str).collect();
         let settings = super::super::node::settings(scenario.peers.len() - 1, &parameters);
+        let replay = Replay::of(&queues(scenario), &played.trace);
+        if let Some(defect) = &replay.defect {
+            return Err(defect.clone());
+        }
+        if let Some((number, opened)) = (0..).zip(&replay.opened).find(|(t, opened)| *t != opened.t)
+        {
+            return Err(format!("{} is opened as number {number}", opened.t));
+        }
         let mut facts = Self {
             scenario,
             inputs: scenario.all_inputs(),
             played,
-            verdict,
+            replay,
             messages: Vec::new(),
-            opened: Vec::new(),
             rejected: Vec::new(),
             set: states(scenario, &settings, &played.log.turned),
-            timers: BTreeMap::new(),
-            cancelled: BTreeMap::new(),
-            late: Vec::new(),
         };
-        facts.read()?;
         facts.assign();
         Ok(facts)
     }
 
-    /// Reads what the trace records.
-    fn read(&mut self) -> Result<(), String> {
-        let mut events = Events::new("trace", &*self.played.trace).map_err(|it| it.to_string())?;
-        let mut step: Option<(Input, Vec<Decision>)> = None;
-        while let Some(event) = events.next_event().map_err(|error| error.to_string())? {
-            match (event, &mut step) {
-                (Event::Decision(decision), Some((_, decisions))) => decisions.push(decision),
-                (Event::Decision(_), None) => {}
-                (Event::Input(next), _) => {
-                    if let Some((input, decisions)) = step.replace((next, Vec::new())) {
-                        self.step(input, &decisions)?;
-                    }
-                }
-            }
-        }
-        step.map_or(Ok(()), |(input, decisions)| self.step(input, &decisions))
+    /// Each message that was assigned to an input, as the trace has it.
+    pub(super) fn pairs(&self) -> impl Iterator<Item = (&Message<'a>, &OpenedMessage)> {
+        self.messages.iter().zip(&self.replay.opened)
     }
 
-    fn step(&mut self, input: Input, decisions: &[Decision]) -> Result<(), String> {
-        // What fires comes before the input's own.
-        let (fired, own) = split(&input, decisions);
-        for decision in fired {
-            self.decision(*decision, None, &[]);
-        }
-        self.input(input)?;
-        for decision in own {
-            self.decision(*decision, Some(input), own);
-        }
-        Ok(())
+    /// What was sent of a message, and when.
+    pub(super) fn items(&self, opened: &OpenedMessage) -> impl Iterator<Item = &DecidedItem> {
+        opened.items.iter().map(|index| &self.replay.items[*index])
     }
 
-    fn input(&mut self, input: Input) -> Result<(), String> {
-        match input {
-            Input::Open { at, t, deadline } => {
-                if t != self.opened.len() as u64 {
-                    return Err(format!("{t} is opened as number {}", self.opened.len()));
-                }
-                self.opened.push(OpenedMessage {
-                    at,
-                    deadline,
-                    offers: BTreeMap::new(),
-                    items: Vec::new(),
-                });
-            }
-            Input::Offer { t, p, deadline, .. } => {
-                let message = self.message(t);
-                message.offers.insert(index(p), (deadline, false));
-            }
-            Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {}
-        }
-        Ok(())
+    /// The offer of a message to a cloud.
+    pub(super) fn offer(&self, opened: &OpenedMessage, index: usize) -> Option<&DecidedOffer> {
+        let is_it = |offer: &&DecidedOffer| offer.t == opened.t && usize::from(offer.p) == index;
+        self.replay.offers.iter().find(is_it)
     }
 
-    /// `own` are the decisions about the input, if this is one of them.
-    fn decision(&mut self, decision: Decision, input: Option<Input>, own: &[Decision]) {
-        match decision {
-            Decision::Timer { p, .. } => *self.timers.entry(index(p)).or_default() += 1,
-            Decision::Cancel { p, .. } => *self.cancelled.entry(index(p)).or_default() += 1,
-            Decision::Emit { at, t, p } => {
-                let rule = match input {
-                    Some(Input::Result { .. }) => "F3",
-                    Some(Input::Fail { .. }) => "F4",
-                    _ => "F5",
-                };
-                let index = index(p);
-                let is_last = self.scenario.commit != Commit::Progressive
-                    || own.iter().any(|it| matches!(it, Decision::Final { .. }));
-                let outcome = if is_last {
-                    MessageOutcome::Forwarded { index, rule }
-                } else {
-                    MessageOutcome::Preliminary { index }
-                };
-                self.message(t).items.push((at, outcome));
-            }
-            // It was sent as the last one.
-            Decision::Final { .. } if own.iter().any(|it| matches!(it, Decision::Emit { .. })) => {}
-            Decision::Final { at, t, p } => {
-                self.message(t).items.push((at, MessageOutcome::Final { index: index(p) }));
-            }
-            Decision::Miss { at, t } => self.message(t).items.push((at, MessageOutcome::Missed)),
-            Decision::RefuseOpen { at, t, why } => {
-                self.message(t).items.push((at, MessageOutcome::Refused(why)));
-            }
-            Decision::RefuseOffer { t, p, .. } => {
-                if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
-                    offer.1 = true;
-                }
-            }
-            Decision::Drop { t, p, why, .. } => {
-                let is_result = matches!(input, Some(Input::Result { .. }));
-                if is_result && matches!(why, DropReason::Late | DropReason::Superseded) {
-                    self.late.push((index(p), t));
-                }
-            }
-            Decision::Request { .. } | Decision::Hold { .. } => {}
-        }
+    /// Results that were too late or superseded.
+    pub(super) fn late(&self, index: usize) -> impl Iterator<Item = &DroppedResult> {
+        self.replay.dropped.iter().filter(move |dropped| {
+            let is_late = matches!(dropped.why, DropReason::Late | DropReason::Superseded);
+            dropped.is_result && is_late && usize::from(dropped.p) == index
+        })
     }
 
     /// Says which input is which message: they are taken in one after the other, each at the instant at which it came.
@@ -231,8 +137,9 @@ impl<'a> Facts<'a> {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
-            let is_it = self.opened.get(next).is_some_and(|opened| when.contains(&opened.at))
-                && input.form == Form::Whole;
+            let is_it =
+                self.replay.opened.get(next).is_some_and(|opened| when.contains(&opened.at))
+                    && input.form == Form::Whole;
             let of_it = statuses.get(&Some(next as u64)).filter(|reported| {
                 is_it && reported.iter().all(|reported| reported.key() == Some(input.key))
             });
@@ -262,10 +169,6 @@ impl<'a> Facts<'a> {
         at..=at + stalls.sum::<u64>()
     }
 
-    fn message(&mut self, t: u64) -> &mut OpenedMessage {
-        &mut self.opened[usize::try_from(t).unwrap()]
-    }
-
     /// The requests to a peer.
     pub(super) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
         self.played.log.requested.iter().filter(move |requested| requested.index == index)
@@ -274,12 +177,12 @@ impl<'a> Facts<'a> {
     /// Returns `true` if a message before this input has its key. One that was refused counts only
     /// if `is_there` at its end.
     pub(super) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
-        self.messages.iter().zip(&self.opened).any(|(message, opened)| {
+        self.pairs().any(|(message, opened)| {
             let is_before = message.serial < serial;
-            let was_refused = |(ended, outcome): &(u64, MessageOutcome)| {
-                matches!(outcome, MessageOutcome::Refused(_)) && !is_there(*ended)
+            let was_refused = |item: &DecidedItem| {
+                matches!(item.departure, Departure::Refused(_)) && !is_there(item.at)
             };
-            let is_remembered = !opened.items.last().is_some_and(was_refused);
+            let is_remembered = !self.items(opened).last().is_some_and(was_refused);
             is_before && is_remembered && self.inputs[message.serial].key == self.inputs[serial].key
         })
     }
@@ -301,19 +204,17 @@ impl<'a> Facts<'a> {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for OpenedMessage { items, offers, .. } in &self.opened {
-            for (_, outcome) in items {
-                match outcome {
-                    MessageOutcome::Preliminary { index } => mark(*index > 0, 12),
-                    MessageOutcome::Forwarded { index: 0, rule } => mark(*rule == "F5", 1),
-                    MessageOutcome::Forwarded { .. } => mark(true, 0),
-                    MessageOutcome::Final { .. } => mark(true, 13),
-                    MessageOutcome::Missed => mark(true, 2),
-                    MessageOutcome::Refused(_) => mark(true, 3),
-                }
+        for item in &self.replay.items {
+            match item.departure {
+                Departure::Preliminary(p) => mark(p > 0, 12),
+                Departure::Forwarded(0, trigger) => mark(trigger == Trigger::Timer, 1),
+                Departure::Forwarded(..) => mark(true, 0),
+                Departure::Final(_) => mark(true, 13),
+                Departure::Missed => mark(true, 2),
+                Departure::Refused(_) => mark(true, 3),
             }
-            mark(offers.values().any(|(_, is_refused)| *is_refused), 9);
         }
+        mark(self.replay.offers.iter().any(|offer| offer.refusal.is_some()), 9);
         let is_doubled = |serial: &usize| self.inputs[*serial].form == Form::Whole;
         mark(self.rejected.iter().any(is_doubled), 4);
         let sources = &self.played.tally.sources;
@@ -332,13 +233,14 @@ impl<'a> Facts<'a> {
     }
 }
 
-impl OpenedMessage {
-    /// How it was answered, and when.
-    pub(super) fn ended(&self) -> Option<(u64, MessageOutcome)> {
-        let is_last = |(_, outcome): &&(u64, MessageOutcome)| {
-            !matches!(outcome, MessageOutcome::Preliminary { .. })
-        };
-        self.items.iter().find(is_last).copied()
+fn queues(scenario: &Scenario) -> QueueConfig {
+    let calls = scenario.peers.iter().map(|peer| usize::from(peer.in_flight));
+    QueueConfig {
+        commit: scenario.commit,
+        at_once: scenario.peers[LOCAL].in_flight.into(),
+        waiting: scenario.waiting.into(),
+        skip_answered: false,
+        clouds: (0..).zip(calls).skip(1).collect(),
     }
 }
 
@@ -383,10 +285,6 @@ fn states(
         states.push((*at, state.clone()));
     }
     states
-}
-
-fn index(p: u64) -> usize {
-    usize::try_from(p).unwrap()
 }
 
 impl StatusReport {

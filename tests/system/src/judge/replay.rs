@@ -7,93 +7,143 @@ use std::collections::{BTreeMap, VecDeque};
 use fuseline_engine::Trigger;
 use fuseline_testkit::split;
 use fuseline_traces::{
-    Commit, Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict,
+    Commit, Decision, DropReason, Event, Events, Input, Judge, OfferRefusal, OpenRefusal, Verdict,
 };
 
-use crate::simulate::scenario::Scenario;
+/// The part of an operator's configuration that the trace does not show.
+pub struct QueueConfig {
+    /// The commit rule.
+    pub commit: Commit,
+    /// How many messages local computes at once.
+    pub at_once: usize,
+    /// How many more may wait for local.
+    pub waiting: usize,
+    /// `true` if a message that already has its output leaves local's queue.
+    pub skip_answered: bool,
+    /// Each cloud's priority, and how many of its calls may be under way.
+    pub clouds: Vec<(u16, usize)>,
+}
 
 /// The facts that the trace shows.
 #[derive(Default)]
-pub(crate) struct Replay {
-    pub(crate) verdict: Option<Verdict>,
+pub struct Replay {
+    /// What the judge says of the trace.
+    pub verdict: Option<Verdict>,
     /// The reason why the trace cannot be read.
-    pub(crate) defect: Option<String>,
+    pub defect: Option<String>,
     /// The instant of the last input.
-    pub(crate) end: u64,
+    pub end: u64,
     /// The messages in the order in which they were opened.
-    pub(crate) opened: Vec<OpenedMessage>,
+    pub opened: Vec<OpenedMessage>,
     /// The index of each message in `opened`.
     by_t: BTreeMap<u64, usize>,
     /// The requests to local and the clouds, in the order in which they were admitted.
-    pub(crate) requested: Vec<AdmittedRequest>,
+    pub requested: Vec<AdmittedRequest>,
     /// The items, in the order in which they were decided.
-    pub(crate) items: Vec<DecidedItem>,
-    /// The offers: timestamp, cloud, and the reason to refuse if there was one.
-    pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
+    pub items: Vec<DecidedItem>,
+    /// The offers, in their order.
+    pub offers: Vec<DecidedOffer>,
     /// Descriptions of backlogs that differ from the queue's length.
-    pub(crate) wrong_backlogs: Vec<String>,
+    pub wrong_backlogs: Vec<String>,
     /// Descriptions of local computations that failed for lack of room, or did not, by mistake.
-    pub(crate) wrong_room: Vec<String>,
-    pub(crate) dropped: Vec<DroppedResult>,
-    pub(crate) held: Vec<u16>,
+    pub wrong_room: Vec<String>,
+    /// The results and failures that were dropped.
+    pub dropped: Vec<DroppedResult>,
+    /// The source of each result that was held.
+    pub held: Vec<u16>,
 }
 
 /// A message that was opened.
-pub(crate) struct OpenedMessage {
-    pub(crate) t: u64,
-    pub(crate) at: u64,
+pub struct OpenedMessage {
+    /// Its timestamp.
+    pub t: u64,
+    /// The instant when it was opened.
+    pub at: u64,
+    /// Local's deadline.
+    pub deadline: Option<u64>,
     /// How it ended.
-    pub(crate) end: Option<Departure>,
+    pub end: Option<Departure>,
     /// Its items, by their indices in `items`.
-    pub(crate) items: Vec<usize>,
+    pub items: Vec<usize>,
     /// The sources whose failures were accepted.
-    pub(crate) failures: Vec<u16>,
+    pub failures: Vec<u16>,
 }
 
 /// An item as the trace has it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct DecidedItem {
+pub struct DecidedItem {
     /// The index of its message in `opened`.
-    pub(crate) message: usize,
-    pub(crate) at: u64,
-    pub(crate) departure: Departure,
+    pub message: usize,
+    /// The instant of the decision.
+    pub at: u64,
+    /// What became of the message.
+    pub departure: Departure,
     /// The number of failures that were accepted by then.
-    pub(crate) failures: usize,
+    pub failures: usize,
 }
 
+/// An offer that was decided.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Departure {
+pub struct DecidedOffer {
+    /// The message's timestamp.
+    pub t: u64,
+    /// The cloud.
+    pub p: u16,
+    /// The deadline that was offered.
+    pub deadline: u64,
+    /// The reason to refuse it, if there was one.
+    pub refusal: Option<OfferRefusal>,
+}
+
+/// What became of a message, with the source of the result.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Departure {
+    /// A result was sent while better ones were pending.
     Preliminary(u16),
+    /// A result was sent as the last one.
     Forwarded(u16, Trigger),
+    /// The preliminary result is the last one.
     Final(u16),
+    /// No result came.
     Missed,
+    /// The message was not accepted.
     Refused(OpenRefusal),
 }
 
 /// A request that was admitted, or a local computation.
-pub(crate) struct AdmittedRequest {
-    pub(crate) p: u16,
-    pub(crate) t: u64,
-    pub(crate) at: u64,
-    pub(crate) due: Option<u64>,
-    pub(crate) started: Option<u64>,
+pub struct AdmittedRequest {
+    /// The source.
+    pub p: u16,
+    /// The message's timestamp.
+    pub t: u64,
+    /// The instant when it was admitted.
+    pub at: u64,
+    /// The due instant.
+    pub due: Option<u64>,
+    /// The instant when the source had room for it.
+    pub started: Option<u64>,
     /// The instant when its timer fired.
-    pub(crate) fired: Option<u64>,
+    pub fired: Option<u64>,
     /// The instant when it was cancelled.
-    pub(crate) cancelled: Option<u64>,
+    pub cancelled: Option<u64>,
     /// The instant when its own result or failure came, and `true` for a result.
-    pub(crate) ended: Option<(u64, bool)>,
+    pub ended: Option<(u64, bool)>,
     /// `true` if it was removed from local's queue because its message already had its output.
-    pub(crate) skipped: bool,
+    pub skipped: bool,
 }
 
 /// A result or failure that was dropped.
-pub(crate) struct DroppedResult {
-    pub(crate) at: u64,
-    pub(crate) t: u64,
-    pub(crate) p: u16,
-    pub(crate) why: DropReason,
-    pub(crate) is_result: bool,
+pub struct DroppedResult {
+    /// The instant of the decision.
+    pub at: u64,
+    /// The message's timestamp.
+    pub t: u64,
+    /// The source.
+    pub p: u16,
+    /// The reason.
+    pub why: DropReason,
+    /// `true` for a result.
+    pub is_result: bool,
 }
 
 /// One source's queue.
@@ -106,7 +156,7 @@ struct ReplayQueue {
 
 /// Reads the trace line by line.
 struct ReplayReader<'a> {
-    scenario: &'a Scenario,
+    config: &'a QueueConfig,
     replay: Replay,
     queues: Vec<ReplayQueue>,
     now: u64,
@@ -116,7 +166,8 @@ struct ReplayReader<'a> {
 
 impl Replay {
     /// Reads and judges a trace.
-    pub(crate) fn of(scenario: &Scenario, trace: &[u8]) -> Self {
+    #[must_use]
+    pub fn of(config: &QueueConfig, trace: &[u8]) -> Self {
         let mut events = match Events::new("trace", trace) {
             Ok(events) => events,
             Err(error) => return Self { defect: Some(error.to_string()), ..Self::default() },
@@ -128,10 +179,10 @@ impl Replay {
             waiting: VecDeque::new(),
             flying: Vec::new(),
         };
-        let clouds = scenario.clouds.iter().map(|cloud| queue(cloud.p, cloud.calls));
-        let queues = [queue(0, scenario.local.at_once)].into_iter().chain(clouds).collect();
+        let clouds = config.clouds.iter().map(|(p, calls)| queue(*p, *calls));
+        let queues = [queue(0, config.at_once)].into_iter().chain(clouds).collect();
         let replay = Self::default();
-        let mut reader = ReplayReader { scenario, replay, queues, now: 0, crowded: None };
+        let mut reader = ReplayReader { config, replay, queues, now: 0, crowded: None };
         let mut input = None;
         let mut decisions = Vec::new();
         loop {
@@ -162,19 +213,23 @@ impl Replay {
         reader.replay
     }
 
-    pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
+    /// Returns the message of this timestamp.
+    #[must_use]
+    pub fn message(&self, t: u64) -> Option<&OpenedMessage> {
         self.by_t.get(&t).map(|index| &self.opened[*index])
     }
 
     /// Returns the index in `items` of the item with this revision.
-    pub(crate) fn item(&self, t: u64, revision: u32) -> Option<usize> {
+    #[must_use]
+    pub fn item(&self, t: u64, revision: u32) -> Option<usize> {
         self.message(t)?.items.get(usize::try_from(revision).ok()?).copied()
     }
 }
 
 impl AdmittedRequest {
     /// Returns when it was no longer wanted, if it was closed before it ended.
-    pub(crate) fn closed(&self) -> Option<u64> {
+    #[must_use]
+    pub fn closed(&self) -> Option<u64> {
         self.fired.into_iter().chain(self.cancelled).min()
     }
 }
@@ -222,7 +277,7 @@ impl ReplayReader<'_> {
         let replay = &mut self.replay;
         replay.by_t.insert(t, replay.opened.len());
         let (items, failures) = (Vec::new(), Vec::new());
-        replay.opened.push(OpenedMessage { t, at, end: None, items, failures });
+        replay.opened.push(OpenedMessage { t, at, deadline, end: None, items, failures });
         if own.is_empty() {
             let due = deadline.map(|deadline| self.now.saturating_add(deadline));
             self.admit(0, 0, t, due);
@@ -238,7 +293,7 @@ impl ReplayReader<'_> {
         }
         self.crowded = None;
         let waiting = self.queues[0].waiting.len();
-        let bound = self.scenario.local.waiting.unwrap_or(self.scenario.window.into());
+        let bound = self.config.waiting;
         // The oldest is discarded (D17).
         let oldest = self.queues[0].waiting.front().map(|index| self.replay.requested[*index].t);
         let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if Some(*of) == oldest);
@@ -261,6 +316,13 @@ impl ReplayReader<'_> {
             ended: None,
             skipped: false,
         });
+    }
+
+    /// Notes what was decided about the offer that is the input.
+    fn offer(&mut self, input: &Input, refusal: Option<OfferRefusal>) {
+        if let Input::Offer { t, p, deadline, .. } = *input {
+            self.replay.offers.push(DecidedOffer { t, p: short(p), deadline, refusal });
+        }
     }
 
     /// Notes the source's own result or failure.
@@ -299,17 +361,15 @@ impl ReplayReader<'_> {
                 self.mark(t, p, |requested| requested.cancelled = Some(at));
             }
             Decision::Request { t, p, due, .. } => {
-                self.replay.offers.push((t, short(p), None));
+                self.offer(input, None);
                 if let Some(queue) = self.queue(p) {
                     self.admit(queue, short(p), t, Some(due));
                 }
             }
-            Decision::RefuseOffer { t, p, why, .. } => {
-                self.replay.offers.push((t, short(p), Some(why)));
-            }
+            Decision::RefuseOffer { why, .. } => self.offer(input, Some(why)),
             Decision::Emit { at, t, p } => {
                 let is_end = |it: &Decision| matches!(it, Decision::Final { .. });
-                let is_last = self.scenario.commit != Commit::Progressive || own.iter().any(is_end);
+                let is_last = self.config.commit != Commit::Progressive || own.iter().any(is_end);
                 let departure = if is_last {
                     Departure::Forwarded(short(p), trigger)
                 } else {
@@ -342,7 +402,7 @@ impl ReplayReader<'_> {
         let waits = |queue: &ReplayQueue, requested: &[AdmittedRequest]| {
             queue.waiting.iter().position(|index| requested[*index].t == t)
         };
-        if self.scenario.local.skip_answered
+        if self.config.skip_answered
             && let Some(at) = waits(&self.queues[0], &self.replay.requested)
             && let Some(requested) = self.queues[0].waiting.remove(at)
         {
