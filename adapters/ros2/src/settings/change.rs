@@ -66,10 +66,11 @@ impl Settings {
                 let own = bound.own_deadline(value);
                 own.map(|time| Change::CloudDeadline(at, none_if_zero(time)))
             }
-            (_, Some((at, _))) => flag_of(value).map(|flag| Change::CloudEnabled(at, flag)),
+            (_, Some((at, "enabled"))) => flag_of(value).map(|flag| Change::CloudEnabled(at, flag)),
             ("deadline", None) => bound.deadline(value).map(Change::Deadline),
             ("local.deadline", None) => bound.deadline(value).map(Change::LocalDeadline),
-            (_, None) => flag_of(value).map(Change::SimTime),
+            ("use_sim_time", None) => flag_of(value).map(Change::SimTime),
+            _ => None,
         };
         let Some(change) = change else {
             let expected = known.expected.clone();

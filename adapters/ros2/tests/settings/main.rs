@@ -3,6 +3,7 @@
 mod faults;
 mod policies;
 
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -508,6 +509,36 @@ fn an_end_to_end_deadline_has_more_than_its_reserve() {
     for wrong in ["-p reserve:=0.1", "-p within:=0.5 -p reserve:=0.5"] {
         let why = with(wrong).unwrap_err();
         assert!(why.contains("reserve") && why.contains("less than within"), "{why}");
+    }
+}
+
+/// A node reads the lines of the table and no other parameters.
+#[test]
+fn each_line_of_the_table_is_read() {
+    let guarded = "-p policy:=guarded -p policy.rate:=20 -p policy.margin:=3 -p local.in_flight:=7 \
+                   -p policy.speed_topic:=odom -p window:=20 -p output.key:=uint64";
+    let nodes = [
+        settings(&[FULL], RENAMED).unwrap(),
+        with(guarded).unwrap(),
+        with("-p commit:=progressive").unwrap(),
+    ];
+    let declared = nodes.iter().flat_map(|node| &node.declared).map(|parameter| {
+        let name = parameter.name.strip_prefix("west.");
+        let part = name.or_else(|| parameter.name.strip_prefix("east."));
+        part.map_or_else(|| parameter.name.clone(), |part| format!("<cloud>.{part}"))
+    });
+    let read: BTreeSet<_> = declared.filter(|name| !name.starts_with("qos_overrides.")).collect();
+    let lines: BTreeSet<_> = TABLE.iter().map(|line| line.name.to_owned()).collect();
+    assert_eq!(read, lines);
+}
+
+/// The first part of each line is the node's own, so no cloud may have that name.
+#[test]
+fn no_cloud_is_called_like_a_line_of_the_table() {
+    let firsts = TABLE.iter().filter_map(|line| line.name.split('.').next());
+    for first in firsts.filter(|first| *first != "<cloud>") {
+        let why = with(&format!("-p clouds:=[{first}]")).unwrap_err();
+        assert!(why.contains("the node's own parameters begin like that"), "{first}: {why}");
     }
 }
 
