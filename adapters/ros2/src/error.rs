@@ -1,4 +1,4 @@
-//! What keeps a node from running.
+//! The reasons why a node does not run.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use fuseline_tokio::grpc::{InvalidToken, RemoteError};
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
-/// Why a cloud's server cannot be called.
+/// The reason why a cloud's server cannot be called.
 #[derive(Debug, Error)]
 pub enum GrpcError {
     /// A file that a parameter names cannot be read.
@@ -16,7 +16,7 @@ pub enum GrpcError {
     File {
         /// The file.
         path: String,
-        /// Why not.
+        /// The system's error.
         error: std::io::Error,
     },
     /// The file of the CA has no certificate.
@@ -32,7 +32,7 @@ pub enum GrpcError {
     Token {
         /// The file.
         path: String,
-        /// Why not.
+        /// The reason.
         error: InvalidToken,
     },
     /// The server's address, certificates or key are not valid.
@@ -40,13 +40,13 @@ pub enum GrpcError {
     Remote(#[from] RemoteError),
 }
 
-/// Why a node does not run, or did not end well.
+/// The reason why a node does not run, or did not end well.
 #[derive(Debug, Error)]
 pub enum NodeError {
     /// There is no machine with these parameters.
     #[error("the parameters are refused: {0}")]
     Config(#[from] EngineConfigError),
-    /// Figures that make no policy.
+    /// The figures make no policy.
     #[error("the policy's parameters are refused: {0}")]
     Policy(#[from] Invalid),
     /// A recording's file cannot be created.
@@ -54,7 +54,7 @@ pub enum NodeError {
     Recording {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The system's error.
         error: std::io::Error,
     },
     /// A cloud's server cannot be called.
@@ -62,16 +62,16 @@ pub enum NodeError {
     Grpc {
         /// The cloud's name.
         cloud: String,
-        /// Why not.
+        /// The reason.
         error: GrpcError,
     },
     /// There is no timer of the kind that was set.
-    #[error("no timer to wake the node: {0}; timers:=tokio needs nothing of the system")]
+    #[error("there is no timer to wake the node: {0}; timers:=tokio needs none from the system")]
     Timers(std::io::Error),
-    /// Real-time scheduling or locked memory is not granted.
-    #[error("realtime: {0}; realtime:=0 does without")]
+    /// The system does not grant real-time scheduling or locked memory.
+    #[error("realtime: {0}; realtime:=0 runs without it")]
     Realtime(String),
-    /// DDS refuses an end of a topic, or the domain.
+    /// DDS refuses a publisher, a subscriber or the domain.
     #[error("DDS: {0}")]
     Dds(#[from] CreateError),
     /// A topic is on Zenoh, which is not built in.
@@ -83,16 +83,16 @@ pub enum NodeError {
     /// Zenoh's configuration cannot be read.
     #[error("Zenoh: {0}")]
     ZenohConfig(String),
-    /// Zenoh refuses the session, or an end of a topic.
+    /// Zenoh refuses the session, a publisher or a subscriber.
     #[error("Zenoh: {0}")]
     Zenoh(String),
-    /// ROS refuses the node or an end of a topic.
+    /// ROS refuses the node, a publisher or a subscriber.
     #[error("ROS: {0}")]
     Ros(String),
     /// The system refuses something basic, such as a thread.
     #[error("the operating system: {0}")]
     System(std::io::Error),
-    /// The run was not recorded whole.
+    /// The trace of the run is not whole.
     #[error("the trace is incomplete, because writing it failed: {0}")]
     Trace(std::io::Error),
 }

@@ -71,7 +71,7 @@ pub(crate) fn record<V, R>(
         if let (Some(given), Some(file)) = (given, file)
             && given != file
         {
-            warn!(kept = %given.display(), recording = %file.display(), "an earlier recording is there");
+            warn!(kept = %given.display(), recording = %file.display(), "an existing recording is kept; this run is recorded in another file");
         }
     }
     let wrong = |path: &Path| {
@@ -108,7 +108,7 @@ fn claimed(given: [Option<&Path>; 2]) -> Result<([Option<PathBuf>; 2], CreatedFi
         });
         match claimed {
             Ok(()) => return Ok((files, created)),
-            // Of both recordings in one file no number makes two.
+            // If both recordings have the same file, no number separates them.
             Err((path, error))
                 if error.kind() == io::ErrorKind::AlreadyExists
                     && !created.0.iter().any(|other| is_same(other, path)) =>
@@ -139,7 +139,7 @@ fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 
-/// Whether it is Linux's device that has no room.
+/// Returns `true` if it is Linux's device that has no room.
 fn is_full(path: &Path) -> bool {
     cfg!(target_os = "linux")
         && is_special(path)

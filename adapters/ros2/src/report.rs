@@ -1,4 +1,4 @@
-//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 reported).
+//! Reports the node's state: `/diagnostics` once a period, and a status for each message (D15).
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ pub(crate) struct RosTime {
 }
 
 impl RosTime {
-    /// So many nanoseconds after the epoch, or before it.
+    /// Converts nanoseconds after the epoch, or before it.
     pub(crate) fn of_nanos(nanos: i64) -> Self {
         Self {
             sec: i32::try_from(nanos.div_euclid(1_000_000_000)).unwrap_or(i32::MAX),
@@ -64,7 +64,7 @@ const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
 
-/// The node's counts since its start that the operator does not have.
+/// Counts since the node's start that the operator does not have.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct NodeCounts {
     /// Inputs too short for their key.
@@ -73,11 +73,11 @@ pub(crate) struct NodeCounts {
     pub(crate) nanosec: u64,
     /// Inputs that are not plain CDR.
     pub(crate) encoding: u64,
-    /// Inputs with the stamp of a message that is open or among those answered last.
+    /// Inputs with the stamp of a message that is open or was answered recently.
     pub(crate) duplicate_stamp: u64,
-    /// Those of them whose header has no stamp.
+    /// Those of them whose header has the stamp 0.
     pub(crate) stamp_zero: u64,
-    /// Messages taken on whose stamp is not greater than all before.
+    /// Accepted messages whose stamp is not greater than all before.
     pub(crate) stamp_backwards: u64,
     /// Outputs not sent because a reliable subscriber was too far behind.
     pub(crate) unsent: u64,
@@ -179,18 +179,18 @@ impl Reporter {
         let mut why = Vec::new();
         if keyless > 0 {
             why.push(format!(
-                "{keyless} inputs not taken in: too short for their key, an invalid stamp, or not plain CDR"
+                "{keyless} inputs not accepted: too short for their key, an invalid stamp, or not plain CDR"
             ));
         }
         if zero > 0 {
             why.push(format!(
-                "{zero} inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, \
+                "{zero} inputs not accepted: header.stamp is 0, as in an earlier message; let the publisher set it, \
                  or give input.key"
             ));
         }
         if repeated > zero {
             why.push(format!(
-                "{} inputs not taken in: one of the last {ANSWERED} messages has the same stamp, as when a bag is \
+                "{} inputs not accepted: one of the last {ANSWERED} messages has the same stamp, as when a bag is \
                  played in a loop or two publishers send the same",
                 repeated - zero
             ));
@@ -315,7 +315,7 @@ fn and(state: String, more: Option<&str>) -> String {
     }
 }
 
-/// What became of a message, for its status.
+/// Returns the status of a message.
 pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> DiagnosticStatus {
     let mut values = vec![value("timestamp", &item.timestamp), value("revision", &item.revision)];
     values.extend(key.map(|key| value("key", &key)));
@@ -347,13 +347,13 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
     DiagnosticStatus { level, name, message, hardware_id: String::new(), values }
 }
 
-/// How many results came, in time or not.
+/// Returns the number of results that came, in time or late.
 fn received(tally: &SourceTally) -> u64 {
     let at_once = tally.outputs.get(&Trigger::Arrival).copied().unwrap_or_default();
     at_once + tally.preliminary + tally.held + total(&tally.dropped)
 }
 
-/// What is wrong with a peer of a topic.
+/// Describes a mismatch of a topic's peer, if there is one.
 fn unfit(end: &Endpoint) -> Option<String> {
     let topic = &end.topic;
     let quality =
@@ -361,18 +361,18 @@ fn unfit(end: &Endpoint) -> Option<String> {
     quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
-/// Who else publishes what the node does, in words, if somebody does.
+/// Describes other publishers of a topic on which the node publishes, if there are any.
 fn rival(end: &Endpoint) -> Option<String> {
     let (topic, others) = (&end.topic, end.rivals());
     (others > 0).then(|| {
         format!(
-            "others publish on {topic}, too ({others}): a message may have two results; is there a second node of this name, \
+            "others also publish on {topic} ({others}): a message may have two results; is there a second node of this name, \
              or one that is not remapped?"
         )
     })
 }
 
-/// A topic's silence in words, if messages have stopped coming or never came.
+/// Describes a topic's silence, if messages have stopped or never came.
 fn silent(end: &Endpoint) -> Option<String> {
     let (topic, matched) = (&end.topic, end.matched());
     let words = |what, silence: Duration| {

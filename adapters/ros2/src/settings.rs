@@ -1,4 +1,4 @@
-//! Settings: the arguments, files and environment of a node, resolved and checked.
+//! Resolves and checks a node's settings: its arguments, files and environment.
 
 mod budget;
 mod cautions;
@@ -39,7 +39,7 @@ pub use crate::settings::qos::{Qos, Role, Topic};
 use crate::settings::reader::{LocatedValue, ParameterReader};
 pub use crate::settings::seconds::seconds;
 
-/// Types of topics that do not depend on parameters.
+/// The types of topics that do not depend on parameters.
 const FLOAT64: &str = "std_msgs/msg/Float64";
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
@@ -50,39 +50,40 @@ const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 pub struct Settings {
     /// The node's namespace and name.
     pub node: NodeName,
-    /// What carries the node's own topics, and those of input and output.
+    /// The middleware of the node's own topics, and of input and output.
     pub middleware: Middleware,
     /// The domain, 0 to 232.
     pub domain: u16,
-    /// Whether to talk over DDS to this machine only; Zenoh's configuration says whom it talks to.
+    /// `true` to use DDS only on this computer. Zenoh's own configuration names its peers.
     pub localhost_only: bool,
-    /// The messages.
+    /// The topic of messages.
     pub input: StreamSettings,
-    /// After how long without an input to warn; none leaves it to the usual gap.
+    /// The time without an input after which diagnostics warn; `None` for ten usual gaps.
     pub silence: Option<Duration>,
-    /// Their results.
+    /// The topic of results.
     pub output: StreamSettings,
-    /// The topic of preliminary results, under progressive.
+    /// The topic of preliminary results under progressive.
     pub revisions: Option<String>,
-    /// How many messages may be open at once, 1 to 1024.
+    /// The greatest number of messages that may be open at once, 1 to 1024.
     pub window: u16,
     /// The commit rule (F6, F9).
     pub commit: Commit,
-    /// Whose timers wake the node at a due instant.
+    /// The timers that wake the node at a due instant.
     pub timers: Timers,
-    /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
+    /// The priority under `SCHED_FIFO` of the thread that serves timers, with memory locked; 0 for
+    /// neither.
     pub realtime: u8,
-    /// Whether the node is managed: it begins unconfigured, and services request its transitions.
+    /// `true` if the node is managed: it starts unconfigured, and services request its transitions.
     pub lifecycle: bool,
-    /// The greatest that any deadline may be; a longer one is refused.
+    /// The longest deadline that is accepted.
     pub greatest_deadline: Duration,
-    /// How long a cloud without a deadline of its own may take.
+    /// The deadline of a cloud that has none of its own.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
     pub deadline_topic: Option<String>,
-    /// The end-to-end deadline of messages, and what they come from.
+    /// The end-to-end deadline and the origin of messages.
     pub end_to_end: EndToEndSettings,
-    /// How deadlines are chosen, at most `deadline`.
+    /// The policy that chooses deadlines, up to `deadline`.
     pub deadlines: DeadlineSettings,
     /// The computation on this robot.
     pub local: Local,
@@ -90,123 +91,135 @@ pub struct Settings {
     pub clouds: Vec<Cloud>,
     /// The topic of the statuses, one for each message.
     pub status: String,
-    /// The topic of the diagnostics.
+    /// The topic of `/diagnostics`.
     pub diagnostics: String,
-    /// How often the diagnostics are published.
+    /// The time from one report of diagnostics to the next.
     pub diagnostics_period: Duration,
-    /// The file to record a trace in, if any.
+    /// The file in which to record a trace, if any.
     pub trace: Option<PathBuf>,
-    /// The file to record a trace in as MCAP, if any.
+    /// The file in which to record a trace as MCAP, if any.
     pub mcap: Option<PathBuf>,
-    /// Whether the stamps of the node's own messages follow `/clock`.
+    /// `true` if the stamps of the node's own messages follow `/clock`.
     pub use_sim_time: bool,
-    /// The least severe level that is logged, if it was given.
+    /// The least severe level that is logged, if one was given.
     pub log_level: Option<Level>,
-    /// Whether logs are also published.
+    /// `true` if logs are also published.
     pub rosout: bool,
     /// All topics, with their quality of service.
     pub topics: Vec<Topic>,
     /// All parameters, with their values.
     pub declared: Vec<Parameter>,
-    /// What the environment, remapping rules and files say and the node does not do; each in a sentence.
+    /// The variables, remapping rules and files that the node does not honour, each in a sentence.
     pub unheeded: Vec<String>,
 }
 
-/// One side of the node.
+/// The input or the output of the node.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct StreamSettings {
-    /// Its topic.
+    /// The topic.
     pub topic: String,
-    /// Its messages' type, `package/msg/Type`.
+    /// The type of the messages, `package/msg/Type`.
     pub type_name: String,
-    /// Where a message says which input it is for.
+    /// The place of the key in a message, which matches it to an input.
     pub key: MessageKey,
 }
 
 /// The computation on this robot (priority 0).
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Local {
-    /// What carries its topics.
+    /// The middleware of its topics.
     pub middleware: Middleware,
     /// The topic on which it gets messages.
     pub input: String,
     /// The topic on which it sends results.
     pub output: String,
-    /// How long it may take (F1).
+    /// The time that it may take (F1).
     pub deadline: Duration,
-    /// How many messages it may have at once, 1 to 1024.
+    /// The greatest number of messages that it may have at once, 1 to 1024.
     pub in_flight: u16,
-    /// How many more may wait for it, 0 to 1024.
+    /// The number of further messages that may wait for it, 0 to 1024.
     pub waiting: u16,
 }
 
 /// One cloud.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Cloud {
-    /// Its name; one part of a ROS name.
+    /// The cloud's name, which is one part of a ROS name.
     pub name: String,
-    /// Its priority, 1 to 65535, different for each cloud; the greater wins.
+    /// The cloud's priority, 1 to 65535, different for each cloud. The greater one wins.
     pub priority: u16,
-    /// How long it may take; none means [`Settings::deadline`].
+    /// The cloud's deadline; `None` means [`Settings::deadline`].
     pub deadline: Option<Duration>,
-    /// Whether requests are sent to the cloud.
+    /// `true` if requests are sent to the cloud.
     pub enabled: bool,
-    /// The gate shuts when this many requests wait (F2g); at least 1.
+    /// The number of waiting requests at which the gate shuts (F2g); at least 1.
     pub limit: u64,
-    /// The shut gate opens when this many or fewer wait; less than `limit`.
+    /// The number of waiting requests at or below which the gate opens again; less than `limit`.
     pub resume: u64,
-    /// How many requests may be under way, 1 to 1024.
+    /// The greatest number of requests under way, 1 to 1024.
     pub in_flight: u16,
-    /// How long a request may run on after it was due, so that its policy learns how long it takes.
+    /// The time that a request may continue after its due instant, so that its policy learns how
+    /// long it takes.
     pub linger: Duration,
-    /// The topic on which its late results are published, for whom they help with what comes next.
+    /// The topic on which its late results are published, if any.
     pub hints: Option<String>,
-    /// How it is reached.
+    /// The way to reach it.
     pub way: CloudConnection,
 }
 
-/// How a cloud is reached.
+/// The way to reach a cloud.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum CloudConnection {
-    /// By two topics.
+    /// Two topics.
     Topics {
-        /// What carries them.
+        /// The middleware of the topics.
         middleware: Middleware,
         /// The topic on which it gets messages.
         input: String,
         /// The topic on which it sends results.
         output: String,
     },
-    /// By gRPC, as a server of `fuseline.v1.Infer`.
+    /// gRPC, with a server of `fuseline.v1.Infer`.
     Grpc(Grpc),
 }
 
-/// A gRPC server, and the credentials for it.
+/// A gRPC server, and the node's credentials for it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Grpc {
     /// `https://host:port`, or `http://host:port` without TLS.
     pub url: String,
     /// The file of the CA's certificate; required with `https`.
     pub ca: Option<PathBuf>,
-    /// The file of our certificate; there if `key` is.
+    /// The file of the node's certificate, which is given if `key` is.
     pub certificate: Option<PathBuf>,
-    /// The file of our key.
+    /// The file of the node's key.
     pub key: Option<PathBuf>,
-    /// The file of our token.
+    /// The file of the node's token.
     pub token_file: Option<PathBuf>,
-    /// The name that the server's certificate must be for, if not the URL's host.
+    /// The name for which the server's certificate must be valid, if it is not the URL's host.
     pub server_name: Option<String>,
 }
 
 impl Settings {
-    /// Resolves the arguments and the files that they name; `environment` looks up a variable.
+    /// Resolves the arguments and the files that they name. `environment` looks up a variable.
     ///
     /// Arguments win over files, later ones over earlier ones, and all of them over the
     /// environment. An integer is accepted where a number is expected: ROS 2 refuses it, but
     /// its meaning is clear.
     ///
     /// # Errors
-    /// The first thing that is wrong, where it is, and what to do about it.
+    /// Returns the first mistake, with its place and the remedy.
+    ///
+    /// ```
+    /// use fuseline_ros2::{Arguments, Settings};
+    ///
+    /// let words = ["--ros-args", "-p", "input.type:=sensor_msgs/msg/Image"];
+    /// let more = ["-p", "output.type:=vision_msgs/msg/Detection2DArray", "-p", "clouds:=[west]"];
+    /// let arguments = Arguments::parse(words.into_iter().chain(more).map(Into::into))?;
+    /// let settings = Settings::from(&arguments, |_variable| None)?;
+    /// assert_eq!(settings.clouds[0].name, "west");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn from(
         arguments: &Arguments,
         environment: impl Fn(&str) -> Option<String>,
@@ -236,7 +249,7 @@ impl Settings {
         Ok(settings)
     }
 
-    /// The quality of service of a topic of the node, or the default for that role.
+    /// Returns the quality of service of a topic of the node, or the default for that role.
     #[must_use]
     pub fn qos(&self, topic: &str, role: Role) -> Qos {
         let mut topics = self.topics.iter();
@@ -246,18 +259,18 @@ impl Settings {
 }
 
 impl Settings {
-    /// The parameter with this name.
+    /// Returns the parameter with this name.
     pub(crate) fn parameter(&self, name: &str) -> Option<&Parameter> {
         self.declared.iter().find(|parameter| parameter.name == name)
     }
 
-    /// Where a parameter comes from.
+    /// Returns the origin of a parameter's value.
     fn origin(&self, name: &str) -> ValueOrigin {
         self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.origin.clone())
     }
 }
 
-/// Reads all parameters but those of quality of service.
+/// Reads all parameters except those of quality of service.
 fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsError> {
     let middleware = middleware::read(r, "middleware", None)?;
     let input = stream(r, "input", Role::Subscription)?;

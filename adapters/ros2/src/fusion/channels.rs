@@ -1,4 +1,4 @@
-//! What comes on topics and as parameters, taken one by one.
+//! Takes the events of topics and parameters one by one.
 
 use std::task::{Context, Poll};
 
@@ -27,7 +27,7 @@ pub(crate) struct InputChannels<'a> {
 }
 
 impl NodeFusion<'_> {
-    /// Whether messages are taken in.
+    /// Returns `true` if messages are taken in.
     pub(super) fn is_active(&self) -> bool {
         self.orders.as_ref().is_none_or(|orders| orders.is_active)
     }
@@ -62,7 +62,7 @@ impl NodeFusion<'_> {
         };
         match stamps.order(key) {
             KeyOrder::Taken => {
-                debug!(%key, "a remembered message has this stamp: not taken in");
+                debug!(%key, "the input is not accepted: a remembered message has this stamp");
                 intake.duplicate_stamp += 1;
                 intake.stamp_zero += u64::from(self.input_key.is_unset(key));
                 return None;

@@ -9,7 +9,7 @@ use tracing::{info, warn};
 
 use crate::silence_detector::SilenceDetector;
 
-/// What identifies one end of a topic, as ROS has it.
+/// The identifier of an endpoint, as ROS has it.
 pub(crate) type Gid = [u8; 16];
 
 /// The node's end of a topic, and its peers.
@@ -18,7 +18,7 @@ pub(crate) struct Endpoint {
     pub(crate) topic: String,
     /// The type's name in DDS.
     type_name: String,
-    /// Those of the endpoint in use: after a rejoin over DDS they are another endpoint's.
+    /// The peers of the endpoint in use. After a rejoin over DDS, that is another endpoint.
     peers: Mutex<SharedPeers>,
     silence_detector: Arc<Mutex<SilenceDetector>>,
 }
@@ -49,7 +49,7 @@ impl Endpoint {
         Self { topic: topic.into(), type_name: dds_type(ty), peers, silence_detector }
     }
 
-    /// The same topic's end in another participant, which has met nobody yet.
+    /// Creates the topic's endpoint in another participant, which has met nobody yet.
     pub(super) fn in_new_participant(&self) -> Self {
         let (topic, type_name) = (self.topic.clone(), self.type_name.clone());
         Self {
@@ -60,13 +60,13 @@ impl Endpoint {
         }
     }
 
-    /// Whether it has met all peers that the other end has.
+    /// Returns `true` if it has met all peers that the other end has.
     pub(super) fn has_all_peers_of(&self, other: &Self) -> bool {
         let matched = other.peers(|peers| peers.matched.clone());
         self.peers(|peers| peers.matched.is_superset(&matched))
     }
 
-    /// From now on its peers are those of the other end.
+    /// Takes over the peers of the other endpoint.
     pub(super) fn use_peers_of(&self, other: &Self) {
         let peers = Arc::clone(&lock(&other.peers));
         *lock(&self.peers) = peers;
@@ -87,17 +87,17 @@ impl Endpoint {
         *self.silence_detector() = SilenceDetector::expecting(patience, Instant::now());
     }
 
-    /// How long nothing has come, if that is too long.
+    /// Returns the time since the last message, if that is too long.
     pub(crate) fn silence(&self) -> Option<std::time::Duration> {
         self.silence_detector().silence(Instant::now())
     }
 
-    /// How long the first message has been waited for, if that is too long.
+    /// Returns the time since the wait for the first message began, if that is too long.
     pub(crate) fn absence(&self) -> Option<std::time::Duration> {
         self.silence_detector().absence(Instant::now())
     }
 
-    /// How many peers there are.
+    /// Returns the number of peers.
     pub(crate) fn matched(&self) -> usize {
         self.peers(|peers| peers.matched.len())
     }
@@ -112,7 +112,7 @@ impl Endpoint {
         self.peers(|peers| peers.strangers.values().next().cloned())
     }
 
-    /// How many others publish on a topic on which the node publishes.
+    /// Returns the number of other publishers of a topic on which the node publishes.
     pub(crate) fn rivals(&self) -> usize {
         self.peers(|peers| peers.rivals.len())
     }
@@ -126,7 +126,7 @@ impl Endpoint {
             is_new
         });
         if is_new {
-            warn!(topic = self.topic, others, "another node publishes on this topic, too");
+            warn!(topic = self.topic, others, "another node also publishes on this topic");
         }
     }
 
@@ -246,7 +246,7 @@ mod tests {
         end.change(peer, 1, None);
         assert_eq!(end.silence(), None);
         tokio::time::advance(11 * second).await;
-        // One that was known is no publisher that comes.
+        // A publisher that was known has not just come.
         end.change(peer, 1, None);
         assert_eq!(end.silence(), Some(11 * second));
         end.patience(Some(20 * second));

@@ -18,7 +18,7 @@ type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
 type SourceCase = (fn(&mut SourceTally, &mut NodeSource), u8, &'static str);
 
 const UNREADABLE: &str =
-    "1 inputs not taken in: too short for their key, an invalid stamp, or not plain CDR";
+    "1 inputs not accepted: too short for their key, an invalid stamp, or not plain CDR";
 
 /// The counts of a node with one cloud, at its start.
 fn none() -> Tally {
@@ -71,7 +71,7 @@ fn reported_lines(
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
     assert_eq!(status.values, next.values, "counts are since the start");
-    let lasts = ["not enabled", "nobody", "another type", "incompatible", "others publish"];
+    let lasts = ["not enabled", "nobody", "another type", "incompatible", "others also publish"];
     if !lasts.iter().any(|state| status.message.starts_with(state)) {
         assert_eq!(next.level, OK, "{}", next.message);
     }
@@ -99,20 +99,20 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
         (
             |_, intake| intake.duplicate_stamp = 3,
             WARN,
-            "3 inputs not taken in: one of the last 1024 messages has the same stamp, as when a bag is played in a \
+            "3 inputs not accepted: one of the last 1024 messages has the same stamp, as when a bag is played in a \
              loop or two publishers send the same",
         ),
         (
             |_, intake| (intake.duplicate_stamp, intake.stamp_zero) = (3, 3),
             WARN,
-            "3 inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
+            "3 inputs not accepted: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
              input.key",
         ),
         (
             |_, intake| (intake.duplicate_stamp, intake.stamp_zero) = (3, 2),
             WARN,
-            "2 inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
-             input.key; 1 inputs not taken in: one of the last 1024 messages has the same stamp, as when a bag is \
+            "2 inputs not accepted: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
+             input.key; 1 inputs not accepted: one of the last 1024 messages has the same stamp, as when a bag is \
              played in a loop or two publishers send the same",
         ),
         (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
@@ -127,7 +127,7 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
     let unsubscribed = ends(|ends| ends[1].change([7; 16], -1, None));
     assert_eq!(unsubscribed, (OK, "nobody on /output".to_owned()));
-    let rivals = "others publish on /output, too (2): a message may have two results; is there a second node of this name, \
+    let rivals = "others also publish on /output (2): a message may have two results; is there a second node of this name, \
                   or one that is not remapped?";
     let others = ends(|ends| ends[1].set_rivals([[1; 16], [2; 16]].into()));
     assert_eq!(others, (WARN, rivals.to_owned()));

@@ -1,4 +1,4 @@
-//! What is wrong with settings.
+//! The mistakes that settings can have.
 
 use fuseline_engine::CapacityErrors;
 use thiserror::Error;
@@ -6,7 +6,7 @@ use thiserror::Error;
 use crate::names::NameError;
 use crate::parameters::{ParameterError, Value, ValueOrigin};
 
-/// What is wrong with settings, where, and what to do about it, in one line.
+/// Describes a mistake in the settings in one line: where it is, and what to do about it.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the line that each prints says what its fields are")]
 pub enum SettingsError {
@@ -69,13 +69,13 @@ pub enum SettingsError {
     Policy { origin: ValueOrigin, why: fuseline_deadline::Invalid },
     /// A policy that promises what holds for one output a message.
     #[error(
-        "{origin}: policy is {policy}, which promises what holds for one output a message, and \
-         under commit: progressive there may be more; give another policy, or commit: patient"
+        "{origin}: policy is {policy}, whose promise assumes one output for each message, but \
+         commit: progressive may send more; give another policy, or commit: patient"
     )]
     Outputs { origin: ValueOrigin, policy: &'static str },
     /// A guard that could not guard.
     #[error(
-        "{origin}: policy is {policy}, which goes by the speed, and nothing reports it; give \
+        "{origin}: policy is {policy}, which needs the speed, but no topic reports it; give \
          policy.speed_topic, or another policy"
     )]
     Speed { origin: ValueOrigin, policy: &'static str },
@@ -87,8 +87,8 @@ pub enum SettingsError {
     Workload { origin: ValueOrigin, why: CapacityErrors },
     /// Hints that would never come.
     #[error(
-        "{origin}: {name} is given, but calls end when they are due, and nothing comes late; give \
-         {linger}, too"
+        "{origin}: {name} is given, but calls end when they are due, so no result comes late; give \
+         {linger} too"
     )]
     Hints { origin: ValueOrigin, name: String, linger: String },
     /// Security that the node does not have.

@@ -1,4 +1,5 @@
-//! The parameters of the node: one table, by which they are read, described, changed and refused, and that the book prints.
+//! The table of the node's parameters. The node reads, describes, changes and refuses parameters by
+//! it, and the book prints it.
 
 use std::fmt;
 
@@ -8,47 +9,47 @@ use crate::settings::seconds::{DeadlineBound, MOST_SECONDS, SECONDS};
 /// A parameter with its value.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Parameter {
-    /// Its name.
+    /// The parameter's name.
     pub name: String,
-    /// Its value.
+    /// The parameter's value.
     pub value: Value,
-    /// What it is for, in a few words.
+    /// The parameter's purpose, in a few words.
     pub about: &'static str,
-    /// Which values it may have, in a few words.
+    /// The values that it may have, in a few words.
     pub expected: String,
     /// The least and the greatest value, if it is a number with bounds.
     pub range: Option<Range>,
-    /// Whether it may be changed while the node runs.
+    /// `true` if it may be changed while the node runs.
     pub at_run_time: bool,
-    /// Where its value comes from.
+    /// The origin of its value.
     pub origin: ValueOrigin,
 }
 
 /// The least and the greatest value of a number.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Range {
-    /// Of a whole number.
+    /// The range of a whole number.
     Integer(i64, i64),
-    /// Of a number with a point.
+    /// The range of a number with a point.
     Double(f64, f64),
 }
 
 /// A line of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
-    /// The parameter's name. That of a parameter of each cloud begins with `<cloud>.`
+    /// The parameter's name. The name of a parameter that each cloud has begins with `<cloud>.`
     pub name: &'static str,
-    /// Which values it may have.
+    /// The values that it may have.
     pub kind: Kind,
-    /// Its value if none is given.
+    /// The value if none is given.
     pub preset: Preset,
-    /// Whether it may be changed while the node runs.
+    /// `true` if it may be changed while the node runs.
     pub at_run_time: bool,
-    /// What it is for.
+    /// The parameter's purpose.
     pub about: &'static str,
 }
 
-/// Which values a parameter may have.
+/// The values that a parameter may have.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// `true` or `false`.
@@ -57,11 +58,11 @@ pub enum Kind {
     Integer(i64, i64),
     /// A time above 0.
     Seconds,
-    /// A time, or 0, in these words.
+    /// A time, or 0. The text says what 0 means.
     SecondsOr(&'static str),
     /// A time up to `greatest_deadline`.
     Deadline,
-    /// The same, or 0 for that of the node.
+    /// A time up to `greatest_deadline`, or 0 for the node's deadline.
     OwnDeadline,
     /// A number of at least 0.
     Figure,
@@ -75,7 +76,7 @@ pub enum Kind {
     Text,
     /// The URL of a server.
     Server,
-    /// A list of names.
+    /// The value of a parameter if none is given.
     Names,
 }
 
@@ -92,38 +93,38 @@ pub enum Preset {
     Text(&'static str),
     /// An empty list.
     Nothing,
-    /// Another parameter's or one that depends on more, in these words.
+    /// The value of another parameter, or a value that depends on several. The text describes it.
     Other(&'static str),
 }
 
 /// In the order in which they are read.
 #[rustfmt::skip]
 pub const TABLE: &[Spec] = &[
-    fixed("middleware", Kind::Middleware, Preset::Text("dds"), "What carries the topics"),
-    fixed("input.type", Kind::Type, GIVEN, "The messages' type"),
+    fixed("middleware", Kind::Middleware, Preset::Text("dds"), "The middleware of the node's topics"),
+    fixed("input.type", Kind::Type, GIVEN, "The type of the messages"),
     fixed("input.key", KEYS, HEADER, KEY),
     fixed("input.key_offset", OFFSET, Preset::Integer(0), KEY_OFFSET),
     fixed("input.topic", Kind::Text, Preset::Text("input"), "The topic of messages"),
     fixed("input.silence", Kind::SecondsOr("seconds, at most 1e9, or 0 for ten usual gaps between inputs"), Preset::Double(0.0),
-        "How long without an input until diagnostics warn, in seconds; 0 for ten usual gaps, and 10 s for the first"),
-    fixed("output.type", Kind::Type, GIVEN, "The results' type"),
+        "After how many seconds without an input diagnostics warn; 0 for ten usual gaps, and 10 s for the first input"),
+    fixed("output.type", Kind::Type, GIVEN, "The type of the results"),
     fixed("output.key", KEYS, HEADER, KEY),
     fixed("output.key_offset", OFFSET, Preset::Integer(0), KEY_OFFSET),
     fixed("output.topic", Kind::Text, Preset::Text("output"), "The topic of outputs"),
     fixed("window", Kind::Integer(1, 1024), Preset::Integer(16),
-        "How many messages may be open at once; one more is refused (F1)"),
+        "How many messages may be open at once; further ones are refused (F1)"),
     fixed("commit", Kind::Words(&["eager", "patient", "progressive"]), Preset::Text("eager"),
         "When the best available result is sent (F6, F9)"),
     fixed("output.revisions_topic", Kind::Text, Preset::Other("`<output>/revisions`"),
-        "The topic of results that better ones may follow, under progressive"),
+        "The topic of results that better ones may follow; used under progressive"),
     fixed("timers", Kind::Words(&["kernel", "tokio"]), Preset::Text(if cfg!(target_os = "linux") { "kernel" } else { "tokio" }),
-        "Whose timers wake the node at a due instant; those of tokio have 1 ms"),
+        "Which timers wake the node at a due instant; tokio's have a granularity of 1 ms"),
     fixed("realtime", Kind::Integer(0, 99), Preset::Integer(0),
         "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither"),
     fixed("lifecycle", Kind::Flag, Preset::Flag(false),
-        "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager"),
+        "Whether the node is managed: it starts unconfigured and waits for a lifecycle manager"),
     fixed("greatest_deadline", Kind::Seconds, Preset::Double(60.0),
-        "The greatest that a deadline may be, in seconds, also from the topic"),
+        "The longest deadline that is accepted, also from the topic, in seconds"),
     changeable("deadline", Kind::Deadline, Preset::Double(0.5),
         "How long a cloud may take, in seconds"),
     fixed("deadline_topic", Kind::Text, Preset::Text(""),
@@ -131,22 +132,22 @@ pub const TABLE: &[Spec] = &[
     fixed("origin", Kind::Text, Preset::Text(""),
         "The stream that messages come from, in traces and requests; the input's topic if it is empty"),
     fixed("within", Kind::SecondsOr("seconds, at most 1e9, or 0 for no end-to-end deadline"), Preset::Double(0.0),
-        "How long after a message was taken in the last output is due, in seconds; 0 for no such deadline"),
+        "How long after a message's acceptance the last output of the pipeline is due, in seconds; 0 for no such deadline"),
     fixed("reserve", Kind::SecondsOr("seconds, at most 1e9 and less than within, or 0 for nothing"), Preset::Double(0.0),
-        "What of within is kept for the nodes downstream, in seconds"),
+        "The part of within that is kept for the nodes downstream, in seconds"),
     fixed("policy", Kind::Words(&["set", "guard", "expected", "guarded"]), Preset::Text("set"),
-        "What chooses deadlines, at most the one that is set"),
+        "The policy that chooses deadlines, up to the one that is set"),
     fixed("policy.rate", Kind::Figure, Preset::Double(0.0),
         "Messages a second, or 0 if unknown; a policy with which the node cannot keep up is refused"),
     fixed("policy.local_response", Kind::Figure, DEADLINES,
         "How long local takes at least, in seconds"),
     fixed("policy.local_response_most", Kind::Figure, Preset::Other("`policy.local_response`"),
         "How long local takes at most, in seconds"),
-    fixed("policy.deceleration", Kind::Figure, Preset::Double(7.5), "Full braking, in m/s²"),
+    fixed("policy.deceleration", Kind::Figure, Preset::Double(7.5), "The deceleration of full braking, in m/s²"),
     fixed("policy.brake_delay", Kind::Figure, Preset::Double(0.1),
-        "Time until the brakes act, in seconds"),
+        "The time until the brakes act, in seconds"),
     fixed("policy.margin", Kind::Figure, Preset::Double(2.0),
-        "Distance to keep from an obstacle, in metres"),
+        "The distance to keep from an obstacle, in metres"),
     fixed("policy.lateness", Kind::Figure, Preset::Double(0.005),
         "How late an output may leave, in seconds"),
     fixed("policy.range_local", Kind::Figure, Preset::Double(39.0),
@@ -158,20 +159,20 @@ pub const TABLE: &[Spec] = &[
     fixed("policy.accuracy_cloud", Kind::Figure, Preset::Double(58.0),
         "The clouds' accuracy, in percent; the AP of the paper's model"),
     fixed("policy.price_per_ms", Kind::Figure, Preset::Double(0.01),
-        "What a millisecond costs, in accuracy; a price of ours"),
+        "The price of a millisecond of waiting, in percent of accuracy; chosen by us"),
     fixed("policy.probe_every", Kind::Integer(1, 64), Preset::Integer(16),
         "One message in this many measures how long a cloud takes"),
     fixed("policy.speed_type", Kind::Words(&["nav_msgs/msg/Odometry", "std_msgs/msg/Float64"]), Preset::Text("nav_msgs/msg/Odometry"),
         "The type of the speed's topic"),
     fixed("policy.speed_topic", Kind::Text, Preset::Text(""),
-        "The topic of the speed, in m/s, which guard and guarded need; empty for none"),
+        "The topic of the speed in m/s, which guard and guarded need; empty for none"),
     fixed("policy.speed_age", Kind::Seconds, Preset::Double(0.5),
-        "How long a speed stays valid, in seconds; then it is unknown"),
-    fixed("local.middleware", Kind::Middleware, MIDDLEWARE, "What carries local's topics"),
+        "How long a speed is valid, in seconds; afterwards the speed is unknown"),
+    fixed("local.middleware", Kind::Middleware, MIDDLEWARE, "The middleware of local's topics"),
     fixed("local.in_flight", Kind::Integer(1, 1024), Preset::Integer(4),
         "How many messages local may have at once"),
     fixed("local.waiting", Kind::Integer(0, 1024), Preset::Other("`window`"),
-        "How many more may wait for local; for one more the oldest is given up (D17)"),
+        "How many more may wait for local; beyond that the oldest is given up (D17)"),
     changeable("local.deadline", Kind::Deadline, Preset::Double(1.0),
         "How long local may take, in seconds (F1); a later result counts as lost"),
     fixed("local.input_topic", Kind::Text, Preset::Text("local/input"), INPUT),
@@ -180,8 +181,8 @@ pub const TABLE: &[Spec] = &[
     fixed("<cloud>.priority", Kind::Integer(1, 65_535), Preset::Other("its place in `clouds`"),
         "The greater wins"),
     changeable("<cloud>.deadline", Kind::OwnDeadline, Preset::Double(0.0),
-        "How long the cloud may take, in seconds; 0 means deadline"),
-    changeable("<cloud>.enabled", Kind::Flag, Preset::Flag(true), "Whether the cloud is asked"),
+        "How long the cloud may take, in seconds; 0 for the node's deadline"),
+    changeable("<cloud>.enabled", Kind::Flag, Preset::Flag(true), "Whether the cloud gets requests"),
     fixed("<cloud>.in_flight", Kind::Integer(1, 1024), Preset::Integer(8),
         "How many requests may be under way"),
     fixed("<cloud>.limit", Kind::Integer(1, i64::MAX), Preset::Other("`policy.rate` × deadline, else `in_flight` (A15)"),
@@ -189,18 +190,18 @@ pub const TABLE: &[Spec] = &[
     fixed("<cloud>.resume", Kind::Integer(0, i64::MAX), Preset::Integer(0),
         "The shut gate opens when this many or fewer wait; less than limit"),
     fixed("<cloud>.linger", Kind::SecondsOr("seconds, at most 1e9, or 0"), Preset::Double(0.0),
-        "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes"),
+        "How long a request may continue after its due instant, in seconds, so that the policy learns how long it takes"),
     fixed("<cloud>.grpc.url", Kind::Server, Preset::Text(""),
         "The URL of the cloud's gRPC server, of fuseline.v1.Infer; empty if it has topics"),
     fixed("<cloud>.grpc.ca", Kind::Text, Preset::Text(""),
         "The file of the CA's certificate; https needs it"),
-    fixed("<cloud>.grpc.certificate", Kind::Text, Preset::Text(""), "The file of our certificate"),
-    fixed("<cloud>.grpc.key", Kind::Text, Preset::Text(""), "The file of our key"),
+    fixed("<cloud>.grpc.certificate", Kind::Text, Preset::Text(""), "The file of the node's certificate"),
+    fixed("<cloud>.grpc.key", Kind::Text, Preset::Text(""), "The file of the node's key"),
     fixed("<cloud>.grpc.token_file", Kind::Text, Preset::Text(""),
-        "The file of our token; over http only to this computer"),
+        "The file of the node's token; over http only to this computer"),
     fixed("<cloud>.grpc.server_name", Kind::Text, Preset::Text(""),
-        "The name that the server's certificate must be for"),
-    fixed("<cloud>.middleware", Kind::Middleware, MIDDLEWARE, "What carries the cloud's topics"),
+        "The name for which the server's certificate must be valid"),
+    fixed("<cloud>.middleware", Kind::Middleware, MIDDLEWARE, "The middleware of the cloud's topics"),
     fixed("<cloud>.input_topic", Kind::Text, Preset::Other("`<cloud>/input`"), INPUT),
     fixed("<cloud>.output_topic", Kind::Text, Preset::Other("`<cloud>/output`"), OUTPUT),
     fixed("<cloud>.hints", Kind::Text, Preset::Text(""),
@@ -211,24 +212,24 @@ pub const TABLE: &[Spec] = &[
         "The file to record a trace in, as MCAP; empty for none"),
     fixed("domain_id", Kind::Integer(0, 232), Preset::Integer(0), "The domain"),
     fixed("localhost_only", Kind::Flag, Preset::Flag(false),
-        "Whether to talk over DDS to this machine only"),
+        "Whether to use DDS only on this computer"),
     fixed("diagnostics.period", Kind::Seconds, Preset::Double(1.0),
         "How often diagnostics are published, in seconds"),
     changeable("use_sim_time", Kind::Flag, Preset::Flag(false),
         "Whether the stamps of the node's own messages follow /clock"),
 ];
 
-/// What the name of a parameter of each cloud begins with.
+/// The prefix of a parameter that each cloud has.
 const CLOUD: &str = "<cloud>";
 /// The beginning of the parameters of quality of service.
 pub(super) const QOS: &str = "qos_overrides";
 
 const GIVEN: Preset = Preset::Other("must be given");
 const HEADER: Preset = Preset::Text("header");
-const DEADLINES: Preset = Preset::Other("that of `fuseline-deadline`");
+const DEADLINES: Preset = Preset::Other("the default of `fuseline-deadline`");
 const MIDDLEWARE: Preset = Preset::Other("`middleware`");
 const KEYS: Kind = Kind::Words(&["header", "uint32", "int32", "uint64", "int64"]);
-const KEY: &str = "The part of a message that says which input it is for; by default only for types known to have a header";
+const KEY: &str = "The part of a message that matches it to an input; the default works only for types known to have a header";
 const OFFSET: Kind = Kind::Integer(0, 65_528);
 const KEY_OFFSET: &str = "Where an integer key begins, in bytes after the encapsulation header";
 const INPUT: &str = "The topic on which it gets messages";
@@ -250,12 +251,12 @@ pub(super) fn spec(name: &str) -> Option<&'static Spec> {
     TABLE.iter().find(is_it).or_else(|| TABLE.iter().find(of_cloud))
 }
 
-/// Whether `<cloud>.<part>` is a parameter of clouds.
+/// Returns `true` if `<cloud>.<part>` is a parameter of clouds.
 pub(super) fn is_of_a_cloud(part: &str) -> bool {
     TABLE.iter().any(|spec| is_part(spec.name, part))
 }
 
-/// Whether the node's own parameters begin with this.
+/// Returns `true` if the node's own parameters begin with this.
 pub(super) fn is_reserved(first: &str) -> bool {
     first == QOS || TABLE.iter().any(|spec| spec.name.split('.').next() == Some(first))
 }

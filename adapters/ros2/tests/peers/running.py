@@ -208,7 +208,7 @@ def an_earlier_trace_is_kept(bench):
     node.trace_file = bench.folder / "trace-2.jsonl"
     node.until_running()
     assert node.ends() == 0
-    assert "an earlier recording is there" in node.log(), node.log()
+    assert "an existing recording is kept; this run is recorded in another file" in node.log(), node.log()
     assert (trace.read_bytes(), mcap.read_bytes()) == earlier
     assert (bench.folder / "trace-2.mcap").stat().st_size > 0
 
@@ -231,7 +231,7 @@ def two_nodes_of_one_name_are_reported(bench):
         camera.ask("local=0")
 
     again(asks, reported, lambda: f"a warning of both, last {listener.health('fusion')}")
-    words = "another node publishes on this topic"
+    words = "another node also publishes on this topic"
     until(lambda: words in first.log() and words in second.log(), "a line in the log of both")
     # The other one leaves; the first is alone again.
     assert second.ends() == 0
@@ -324,7 +324,7 @@ def a_node_in_real_time_has_one_urgent_thread_and_its_memory_locked_or_says_what
     until(lambda: node.process.poll() is not None or node.trace_file.exists(), "the node's trace, or why there is none")
     if node.process.poll() is not None:
         assert node.until_exit() == 1, f"exit {node.code}"
-        assert "realtime: " in node.log() and "realtime:=0 does without" in node.log(), node.log()
+        assert "realtime: " in node.log() and "realtime:=0 runs without it" in node.log(), node.log()
         bench.nodes.remove(node)
         print("not granted here:", node.log().strip().splitlines()[-1])
         return

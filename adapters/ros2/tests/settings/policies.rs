@@ -56,7 +56,7 @@ fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
         assert_eq!(
             error,
             format!(
-                "-p policy:={kind}: policy is {kind}, which goes by the speed, and nothing reports it; \
+                "-p policy:={kind}: policy is {kind}, which needs the speed, but no topic reports it; \
                  give policy.speed_topic, or another policy"
             )
         );
@@ -75,9 +75,8 @@ fn d15_a_guard_under_progressive_is_refused_with_the_remedy() {
         assert_eq!(
             under(kind, "progressive").unwrap_err(),
             format!(
-                "-p policy:={kind}: policy is {kind}, which promises what holds for one output a \
-                 message, and under commit: progressive there may be more; give another policy, or \
-                 commit: patient"
+                "-p policy:={kind}: policy is {kind}, whose promise assumes one output for each message, \
+                 but commit: progressive may send more; give another policy, or commit: patient"
             )
         );
         assert!(under(kind, "patient").is_ok());
@@ -137,8 +136,8 @@ fn hints_of_calls_that_end_when_they_are_due_are_none() {
     let args = "-p clouds:=[west] -p west.grpc.url:=http://a:1 -p west.hints:=late";
     assert_eq!(
         with(args).unwrap_err(),
-        "-p west.hints:=late: west.hints is given, but calls end when they are due, and nothing comes \
-         late; give west.linger, too"
+        "-p west.hints:=late: west.hints is given, but calls end when they are due, so no result \
+         comes late; give west.linger too"
     );
     let lingers = with(&format!("{args} -p west.linger:=1.0")).unwrap();
     assert_eq!(lingers.clouds[0].hints.as_deref(), Some("/late"));
