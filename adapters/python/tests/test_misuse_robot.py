@@ -587,6 +587,23 @@ def test_chunks_that_are_too_short(caplog: pytest.LogCaptureFixture) -> None:
     assert len(logged) == 1 and "every 5 ticks" in logged[0], logged
 
 
+@misuse("stands still for longer than a chunk's actions may be old", "they are not sent; logged")
+def test_stall_longer_than_a_chunk(caplog: pytest.LogCaptureFixture) -> None:
+    chunk = Chunk(every=20, max_age=40, within=5.0)
+    answers = server(lambda _: [[0.5]] * 40)
+    with Always(answers, Hold([0.0]), period=2.0, deadline=2.0, chunk=chunk) as policy:
+        ticks(policy, lambda: policy.infer([0.0]) == [0.5])
+        assert policy._rate is not None and policy._plan is not None
+        # As if the tick before had been so long ago.
+        for periods, is_old in ((41, False), (41.5, True)):
+            now = time.monotonic()
+            policy._rate._before = now
+            policy._plan.check_gap(policy._rate.tick(now + periods * 2.0))
+            assert (not policy._plan._chunks) == is_old
+    said = [it.getMessage() for it in caplog.records if "are not sent" in it.getMessage()]
+    assert len(said) == 1 and "max_age is 40 ticks" in said[0], said
+
+
 @misuse("calls `infer` at another rate than the period says", "logged once, with both")
 def test_rate_of_another_period(caplog: pytest.LogCaptureFixture) -> None:
     for mean, is_reported in ((0.009, True), (0.041, True), (0.011, False), (0.039, False)):

@@ -18,12 +18,25 @@ from fuseline import (
     Ending,
     Full,
     Fusion,
+    Join,
     Local,
     Operator,
     StampedValue,
 )
+from fuseline.robot import Always, Hold
 from fuseline.testing import VirtualLoop
 from misuse import Counts, ask, echo, elsewhere, misuse, operator_of, played, refused
+
+
+class Idle:
+    """A remote policy that always answers 0."""
+
+    def infer(self, observation: Any) -> float:
+        return 0.0
+
+    def close(self) -> None:
+        pass
+
 
 # Threads and lifetimes.
 
@@ -289,3 +302,38 @@ def test_result_twice() -> None:
 
 
 logging.getLogger("asyncio").setLevel(logging.ERROR)
+
+
+@misuse("asks for a count by a misspelt key", "`KeyError`, with the nearest")
+def test_misspelt_count(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator = operator_of(clock=loop.time_ns)
+        operator.use_cloud(echo, ask, str, 1, name="west")
+        operator.use_side_request(echo, ask, lambda _: None, name="plan")
+        async with operator:
+            operator.write("a")
+            assert await operator.read() is not None
+            counts = operator.counts
+        known = [
+            ("west", "result", "forwarded"),
+            ("west", "result", "dropped late"),
+            ("west", "failed because", "the moon"),
+            ("operator", "message", "refused full"),
+            ("operator", "message", "not taken"),
+            ("plan", "side request", "expired"),
+        ]
+        assert [counts[key] for key in known] == [1, 0, 0, 0, 0, 0]
+        for key in [("west", "result", "forwareded"), ("weste", "result", "forwarded")]:
+            with pytest.raises(KeyError, match=r"nearest is \('west', 'result', 'forwarded'\)"):
+                counts[key]
+        join = Join()
+        join.aligned("left")
+        assert join.counts["left", "message", "dropped late"] == 0
+        with pytest.raises(KeyError, match="'dropped late'"):
+            join.counts["left", "message", "late"]
+
+    run(main)
+    with Always(Idle, Hold(0.0), period=2.0) as policy:
+        assert policy.counts["remote", "call", "failed"] == 0
+        with pytest.raises(KeyError, match="'call', 'failed'"):
+            policy.counts["remote", "call", "failures"]

@@ -262,6 +262,55 @@ def test_read_that_gives_up(run: Run[Any], kind: str) -> None:
     assert run(main) == [0.3, 0.25, 0.01]
 
 
+@misuse("lets two tasks read one operator, `Items` or join", "logged once: each gets a part")
+def test_two_tasks_that_share_a_reader(run: Run[Any], caplog: pytest.LogCaptureFixture) -> None:
+    async def shared(items: Any) -> list[int]:
+        async def count() -> int:
+            return len([item async for item in items])
+
+        return list(await asyncio.gather(count(), count()))
+
+    async def main(loop: VirtualLoop) -> list[list[int]]:
+        counts = []
+        for reads in (lambda it: it, Items):
+            async with operator_of(clock=loop.time_ns) as operator:
+                operator.feed(spaced(*range(8)))
+                counts.append(await shared(reads(operator)))
+        join = Join(clock=loop.time_ns, wait=0.1)
+        left = join.aligned("left")
+        async with join:
+            reading = asyncio.create_task(shared(join))
+            for seq in range(8):
+                await asyncio.sleep(0.01)
+                left.write(seq, Lineage("left", seq))
+            left.close()
+            counts.append(await reading)
+        return counts
+
+    assert [sum(it) for it in run(main)] == [8, 8, 8]
+    said = [it.getMessage() for it in caplog.records if "share what comes" in it.getMessage()]
+    assert [it.split(":")[0] for it in said] == ["operator", "Items", "join"], said
+
+
+def test_readers_one_after_another_are_not_reported(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        async with operator_of(clock=loop.time_ns) as operator:
+            operator.feed(spaced(*range(8), seconds=0.2))
+            for _ in range(3):
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(operator.__anext__(), 0.1)
+                assert await asyncio.create_task(operator.read()) is not None
+            items = Items(operator)
+            other = items.new_reader()
+            await asyncio.gather(items.read(), other.read())
+            assert [item async for item in other]
+
+    run(main)
+    assert "share what comes" not in caplog.text
+
+
 @misuse("reads items that fail with two readers", "each of them gets the error")
 def test_items_that_fail_for_two_readers(run: Run[Any]) -> None:
     async def items() -> AsyncIterator[int]:
@@ -296,7 +345,7 @@ def test_read_that_is_interrupted() -> None:
     before = signal.signal(signal.SIGALRM, bark)
     values = []
     try:
-        with BlockingOperator(Operator(slow)) as operator:
+        with BlockingOperator(Operator(Local.threads(slow, deadline=30.0))) as operator:
             for message in range(20):
                 operator.write(message)
                 # Early, late, and just when the item comes.

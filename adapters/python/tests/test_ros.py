@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections import Counter
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from fuseline import JoinCause, JoinDrop, JoinDropReason, Joined
+from fuseline._counts import Counts
 from fuseline.ros import TimeSynchronizer
 
 MS = 1_000_000
@@ -108,7 +108,7 @@ def test_a_callback_may_publish_what_is_joined_next() -> None:
     assert seen == [1, 2, 3]
 
 
-class GuardedCounts(Counter[tuple[str, str]]):
+class GuardedCounts(Counts[tuple[str, str]]):
     """Counts that change only while the lock of their synchronizer is held."""
 
     def __init__(self, lock: threading.Lock) -> None:

@@ -129,6 +129,8 @@ class ChunkPlan:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._episode = self._tick = 0
         self._next = 0
+        #: How many ticks came so late that all chunks were dropped.
+        self._stalls = 0
         #: Whether a chunk was reported that has too few actions.
         self._is_short = False
 
@@ -163,6 +165,29 @@ class ChunkPlan:
         # A blend is meant for this tick only if both actions are (D18).
         meant_for = later.meant_for if earlier.meant_for == t else earlier.meant_for
         return StampedValue(action, earlier.of, meant_for)
+
+    def check_gap(self, periods: float) -> None:
+        """Drops the chunks if a tick came later than their actions may be old.
+
+        Actions are meant for ticks. After a stall, the next ticks are other instants than those
+        that the actions were computed for.
+
+        Args:
+            periods: How many periods after the last tick this one came.
+        """
+        if periods <= self.chunk.max_age + 1:
+            return
+        self.clear()
+        self._next = 0
+        self._stalls += 1
+        if self._stalls & (self._stalls - 1) == 0:
+            _log.warning(
+                "a tick came %.3g periods after the one before, and max_age is %d ticks: actions "
+                "of earlier observations are not sent (%d such ticks so far)",
+                periods,
+                self.chunk.max_age,
+                self._stalls,
+            )
 
     def clear(self) -> None:
         """Forgets all actions, also those of a chunk that is under way."""

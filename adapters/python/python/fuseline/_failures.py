@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
+from fuseline._counts import OTHER_REASONS
 from fuseline._item import Ending, Failure, Item, Source
 
 #: How many reasons of failures are counted by themselves: those that were given last.
@@ -14,6 +15,13 @@ REASONS = 8
 
 #: Over how many ticks the time between two of them is measured.
 RATE_TICKS = 50
+
+#: What calls to the remote policy are counted by.
+CALL_KEYS = (
+    ("remote", "call", "answered"),
+    ("remote", "call", "failed"),
+    ("remote", "call failed because", OTHER_REASONS),
+)
 
 LOCAL, REMOTE = Source(0, "local"), Source(1, "remote")
 
@@ -46,7 +54,7 @@ class PolicyFailures:
             self._reasons.remove(why)
         elif len(self._reasons) == REASONS:
             before = ("remote", "call failed because", self._reasons.pop(0))
-            self.counts["remote", "call failed because", "other reasons"] += self.counts.pop(before)
+            self.counts["remote", "call failed because", OTHER_REASONS] += self.counts.pop(before)
         self._reasons.append(why)
         self.counts["remote", "call failed because", why] += 1
         self._fresh.append(Failure(REMOTE, why))
@@ -85,15 +93,19 @@ class TickRate:
 
     def __init__(self, period: float, name: str) -> None:
         self._period, self._name = period, name
-        self._count, self._first = 0, 0.0
+        self._count, self._first, self._before = 0, 0.0, 0.0
 
-    def tick(self, now: float) -> None:
-        """A tick begins at this instant, in seconds."""
+    def tick(self, now: float) -> float:
+        """Notes a tick at this instant, in seconds; returns how many periods after the last one."""
         if self._count == 0:
-            self._first = now
+            self._first = self._before = now
+        gap, self._before = (now - self._before) / self._period, now
         self._count += 1
-        if self._count != RATE_TICKS + 1:
-            return
+        if self._count == RATE_TICKS + 1:
+            self._check_rate(now)
+        return gap
+
+    def _check_rate(self, now: float) -> None:
         mean = (now - self._first) / RATE_TICKS
         if not self._period / 2 <= mean <= self._period * 2:
             _log.warning(

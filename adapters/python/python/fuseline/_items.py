@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from fuseline._errors import ConfigError
 from fuseline._fuseline import Reorderer, nanoseconds
 from fuseline._item import Item, fields_of
+from fuseline._loop import report_sharing
 from fuseline._wiring import check_clock, check_count, check_function
 
 if TYPE_CHECKING:
@@ -59,12 +60,15 @@ class Items(Generic[T]):
             )
         self._shared = _SharedSource(source.__aiter__(), output_len)
         self._waiting: deque[T] = deque()
+        #: How many read at once with this reader, and whether it was logged that they share it.
+        self._readers, self._is_reported = 0, False
         self._shared.add(self)
 
     def new_reader(self) -> Items[T]:
         """Returns another reader, for everything that comes from now on."""
         reader: Items[T] = object.__new__(Items)
         reader._shared, reader._waiting = self._shared, deque()
+        reader._readers, reader._is_reported = 0, False
         self._shared.add(reader)
         return reader
 
@@ -74,7 +78,14 @@ class Items(Generic[T]):
     async def __anext__(self) -> T:
         """Returns the next item or set. Ends after the last one."""
         while not self._waiting:
-            await self._shared.pull(self._waiting)
+            if self._readers and not self._is_reported:
+                self._is_reported = True
+                report_sharing("Items")
+            self._readers += 1
+            try:
+                await self._shared.pull(self._waiting)
+            finally:
+                self._readers -= 1
         message = self._waiting.popleft()
         self._shared.make_room()
         return message

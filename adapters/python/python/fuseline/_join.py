@@ -7,7 +7,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -16,10 +16,11 @@ from enum import Enum
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from fuseline._counts import Counts
 from fuseline._errors import Closed, ConfigError, Full
 from fuseline._fuseline import Aligner, Latency, nanoseconds
 from fuseline._item import Ending, Item, Lineage, check_capture, fields_of
-from fuseline._loop import WaiterList
+from fuseline._loop import ReaderList, WaiterList
 from fuseline._snapshot import snapshot
 from fuseline._wiring import (
     check_clock,
@@ -62,6 +63,10 @@ class JoinDropReason(Enum):
     LATE = "late"
     #: The input's last message of this set has come.
     DUPLICATE = "duplicate"
+
+
+#: What may become of a message of an input, beside that it is in a set.
+INPUT_OUTCOMES = ("missing", *(f"dropped {it.value}" for it in JoinDropReason))
 
 
 @dataclass(frozen=True)
@@ -187,7 +192,9 @@ class Join:
         check_reserve(reserve)
         self.name = name
         #: What was given and why, what was missing in it, and what was dropped.
-        self.counts: Counter[tuple[str, str, str]] = Counter()
+        self.counts: Counts[tuple[str, str, str]] = Counts(
+            known=((name, "set", it.value) for it in JoinCause)
+        )
         self._wait, self._window, self._reserve = nanoseconds(wait), window, list(reserve)
         self._output_len, self._clock = output_len, clock
         self._inputs: list[JoinInput[Any]] = []
@@ -198,7 +205,7 @@ class Join:
         self._sets: deque[Joined] = deque()
         self._tasks: set[asyncio.Task[None]] = set()
         self._timer: asyncio.TimerHandle | None = None
-        self._given, self._room = WaiterList(), WaiterList()
+        self._given, self._room = ReaderList(name), WaiterList()
         #: The loop and its thread, once it has started.
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: int | None = None
@@ -335,6 +342,7 @@ class Join:
         if any(it.name == joined.name for it in self._inputs):
             raise ConfigError(f"two inputs named {joined.name!r}; each has a name of its own")
         self._inputs.append(joined)
+        self.counts.know((joined.name, "message", it) for it in INPUT_OUTCOMES)
         return joined
 
     def _in_loop(self, step: Callable[[], None]) -> None:

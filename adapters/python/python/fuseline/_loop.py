@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterable, AsyncIterator, Iterable
 from typing import TypeVar
 
 T = TypeVar("T")
+
+_log = logging.getLogger("fuseline")
 
 
 class WaiterList:
@@ -36,6 +39,37 @@ class WaiterList:
             if not waiter.done():
                 waiter.set_result(None)
         self.waiters.clear()
+
+
+class ReaderList(WaiterList):
+    """Lets the readers of something wait, and logs once that several read it at once.
+
+    Args:
+        what: What they read: a name for people.
+    """
+
+    __slots__ = ("_is_reported", "_what")
+
+    def __init__(self, what: str) -> None:
+        super().__init__()
+        self._what = what
+        self._is_reported = False
+
+    async def wait(self) -> None:
+        """Waits for the next `wake`."""
+        if not self._is_reported and any(not it.done() for it in self.waiters):
+            self._is_reported = True
+            report_sharing(self._what)
+        await super().wait()
+
+
+def report_sharing(what: str) -> None:
+    """Logs that several read something at once, of which each then gets a part."""
+    _log.warning(
+        "%s: several readers at once share what comes, and each gets only a part; for all of it "
+        "read Items, and give each reader a new_reader() of its own",
+        what,
+    )
 
 
 async def each(messages: AsyncIterable[T] | Iterable[T]) -> AsyncIterator[T]:

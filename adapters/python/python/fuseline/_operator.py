@@ -6,7 +6,6 @@ import asyncio
 import logging
 import os
 import time
-from collections import Counter
 from collections.abc import (
     AsyncIterable,
     AsyncIterator,
@@ -20,6 +19,7 @@ from threading import get_ident
 from types import TracebackType
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
+from fuseline._counts import Counts
 from fuseline._drive import Clock, Driver, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._feeds import Feeds
@@ -29,6 +29,7 @@ from fuseline._item import CurrentDeadline, Item, Lineage
 from fuseline._local import Local, local_of
 from fuseline._output import Output
 from fuseline._setup import Setup
+from fuseline._side import SIDE_OUTCOMES
 from fuseline._snapshot import UNCHANGEABLE, snapshot
 from fuseline._sources import OutputHandlers
 from fuseline._tracefile import hold
@@ -165,7 +166,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         )
         self._copies = copy_messages
         self._driver: Driver[M, V] | None = None
-        self._output = Output[V](output_len)
+        self._output = Output[V](output_len, name)
         self._feeds = Feeds(self)
         self._count = 0
         self._is_last = self._is_over = self._is_handling = False
@@ -446,7 +447,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return output.take()
 
     @property
-    def counts(self) -> Counter[tuple[str, str, str]]:
+    def counts(self) -> Counts[tuple[str, str, str]]:
         """Returns the counts so far, by source or operator, subject and outcome.
 
         For instance, ``counts["west", "result", "forwarded"]`` counts the outputs of ``west``.
@@ -459,17 +460,21 @@ class Operator(Setup[M, V], Generic[M, V]):
         - ``"handler"``: ``"failed"`` and ``"held up the loop"``; ``"policy"``: ``"failed"``.
         - ``"timer"``: ``"late"``.
         - ``"side request"``: ``"requested"``, ``"answered"``, ``"expired"`` and so on.
+
+        A key that nothing is ever counted by raises `KeyError`, once the operator has started.
         """
-        counts: Counter[tuple[str, str, str]] = Counter()
-        if self._driver is not None:
-            # Two sources may have one name.
-            for key, count in self._driver.counting.counts():
-                counts[key] += count
+        if self._driver is None:
+            return Counts()
+        counted = self._driver.counting.counts()
         for side in self._handlers.sides:
-            for outcome, count in side.counts.items():
-                counts[side.name, "side request", outcome] = count
-        if self._arrivals.not_taken:
-            counts[self.name, "message", "not taken"] = self._arrivals.not_taken
+            of_side = dict.fromkeys(SIDE_OUTCOMES, 0) | side.counts
+            counted += [((side.name, "side request", it), n) for it, n in of_side.items()]
+        counted.append(((self.name, "message", "not taken"), self._arrivals.not_taken))
+        counts: Counts[tuple[str, str, str]] = Counts(known=(key for key, _ in counted))
+        for key, count in counted:
+            if count:
+                # Two sources may have one name.
+                counts[key] += count
         return counts
 
     @property

@@ -6,7 +6,7 @@ from collections import deque
 from typing import Generic, TypeVar
 
 from fuseline._item import Item
-from fuseline._loop import WaiterList
+from fuseline._loop import ReaderList, WaiterList
 
 V = TypeVar("V")
 
@@ -16,12 +16,13 @@ class Output(Generic[V]):
 
     Args:
         limit: How many items may wait before no further message is taken in.
+        name: The operator's name.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, name: str) -> None:
         self.items: deque[Item[V]] = deque()
         self.limit = limit
-        self.readers, self.writers = WaiterList(), WaiterList()
+        self.readers, self.writers = ReaderList(name), WaiterList()
         #: How many items were read.
         self.read_count = 0
         #: Whether the operator's block has ended while messages are fed.

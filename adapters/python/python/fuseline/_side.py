@@ -16,6 +16,9 @@ from fuseline._wiring import is_awaitable
 
 _log = logging.getLogger("fuseline")
 
+#: What may become of a message that a side request could be made about.
+SIDE_OUTCOMES = ("handler failed", "refused", "requested", "expired", "failed", "answered")
+
 
 @dataclass(slots=True)
 class SideRequest:
@@ -28,6 +31,7 @@ class SideRequest:
     gate: Gate
     #: How many calls may be under way.
     calls: int
+    #: By `SIDE_OUTCOMES`.
     counts: Counter[str] = field(default_factory=Counter)
     #: How many requests wait for a call to end.
     waiting: int = 0

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 from fuseline._actions import ArrayKinds, Form, check_form, form_of
 from fuseline._blocking import BlockingOperator
 from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
+from fuseline._counts import Counts
 from fuseline._errors import CallError, ConfigError, in_one_line
-from fuseline._failures import PolicyFailures, TickRate
+from fuseline._failures import CALL_KEYS, PolicyFailures, TickRate
 from fuseline._fuseline import nanoseconds
 from fuseline._item import Call, Failure, Item, StampedValue
 from fuseline._local import Local
@@ -218,7 +219,9 @@ class Always:
             if self._is_closed:
                 raise ConfigError("the policy was closed, and does not run any more; make another")
             if self._rate is not None:
-                self._rate.tick(time.monotonic())
+                gap = self._rate.tick(time.monotonic())
+                if self._plan is not None:
+                    self._plan.check_gap(gap)
             return self._tick(obs)
 
     def reset(self) -> None:
@@ -234,7 +237,10 @@ class Always:
         policy, and ``counts["remote", "call failed because", why]`` has the last eight reasons.
         ``counts[name, "message", "missed"]`` counts the ticks for which nothing came.
         """
-        return self._operator.operator.counts + self._failures.counts
+        of_operator = self._operator.operator.counts
+        counts = Counts(of_operator + self._failures.counts, of_operator.known)
+        counts.know(CALL_KEYS)
+        return counts
 
     def close(self) -> None:
         """Ends the remote call and the trace. Later calls of it do nothing."""

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
+from fuseline._counts import Counts
 from fuseline._errors import ConfigError
 from fuseline._fuseline import Aligner, nanoseconds
 from fuseline._item import Lineage, fields_of
-from fuseline._join import JoinCause, JoinDrop, JoinDropReason, Joined
+from fuseline._join import INPUT_OUTCOMES, JoinCause, JoinDrop, JoinDropReason, Joined
 from fuseline._wiring import check_count, check_function
 
 if TYPE_CHECKING:
@@ -86,7 +86,12 @@ class TimeSynchronizer:
         check_count(window, 1, "a window")
         check_function(key or stamp_of, "a key")
         #: The counts of sets, by cause, of missing topics, and of dropped messages.
-        self.counts: Counter[tuple[str, str]] = Counter()
+        self.counts: Counts[tuple[str, str]] = Counts(
+            known=[
+                *(("set", it.value) for it in JoinCause),
+                *((name, outcome) for name in subscribers for outcome in INPUT_OUTCOMES),
+            ]
+        )
         self._key, self._clock = key or stamp_of, clock
         self._timer = timer or partial(_steady_timer, node)
         self._names = list(subscribers)

@@ -1,11 +1,12 @@
 //! The counts of an engine, as Python has them.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::time::Duration;
 
 use fuseline_engine as engine;
 use fuseline_engine::{SourceTally, Tally, Trigger};
-use fuseline_traces::nanos;
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal, nanos};
 use pyo3::prelude::*;
 
 /// The counts of an engine, which can be read while it decides, and after its end.
@@ -27,7 +28,7 @@ struct PyCounts<'a> {
 
 #[pymethods]
 impl PyCounting {
-    /// Returns the counts so far, without those that are 0.
+    /// Returns the counts so far, also those that are 0, except reasons that nobody gave.
     fn counts(&self) -> Vec<(CountKey, u64)> {
         let mut counts = Vec::new();
         let tally = self.counting.tally();
@@ -84,7 +85,7 @@ impl PyCounting {
 impl PyCounts<'_> {
     fn operator(&mut self, tally: &Tally) {
         self.count("message", "accepted", tally.messages);
-        self.by_reason("message", "refused ", &tally.refused);
+        self.by_reason("message", "refused ", OpenRefusal::ALL, &tally.refused);
         self.count("message", "missed", tally.missed);
         self.count("handler", "failed", tally.handler_failures);
         self.count("timer", "late", tally.late_timers);
@@ -92,7 +93,7 @@ impl PyCounts<'_> {
 
     fn source(&mut self, tally: &SourceTally) {
         self.count("request", "admitted", tally.admitted);
-        self.by_reason("request", "refused ", &tally.refused);
+        self.by_reason("request", "refused ", OfferRefusal::ALL, &tally.refused);
         self.count("request", "cancelled", tally.cancelled);
         self.count("request", "lost", tally.lost);
         self.count("handler", "failed", tally.handler_failures);
@@ -103,32 +104,32 @@ impl PyCounts<'_> {
         let forwarded = tally.outputs.get(&Trigger::Arrival).copied();
         self.count("result", "forwarded", forwarded.unwrap_or(0));
         self.count("result", "preliminary", tally.preliminary);
-        self.by_reason("result", "dropped ", &tally.dropped);
+        self.by_reason("result", "dropped ", DropReason::ALL, &tally.dropped);
         self.count("failure", "accepted", tally.failed);
-        self.by_reason("failure", "dropped ", &tally.failures_dropped);
+        self.by_reason("failure", "dropped ", DropReason::ALL, &tally.failures_dropped);
         for (why, count) in tally.reasons.iter() {
             self.count("failed because", why, count);
         }
         self.count("failed because", "other reasons", tally.reasons.others());
         self.count("timer", "fired", tally.timers);
-        self.by_reason("output", "", &tally.outputs);
+        self.by_reason("output", "", Trigger::ALL, &tally.outputs);
         self.count("output", "final", tally.finals);
     }
 
-    fn by_reason<'a, K: Display + 'a>(
+    fn by_reason<K: Display + Ord, const N: usize>(
         &mut self,
         what: &'static str,
         outcome: &str,
-        counts: impl IntoIterator<Item = (&'a K, &'a u64)>,
+        all: [K; N],
+        counts: &BTreeMap<K, u64>,
     ) {
-        for (why, count) in counts {
-            self.count(what, &format!("{outcome}{why}"), *count);
+        for why in all {
+            let count = counts.get(&why).copied().unwrap_or_default();
+            self.count(what, &format!("{outcome}{why}"), count);
         }
     }
 
     fn count(&mut self, what: &'static str, outcome: &str, count: u64) {
-        if count > 0 {
-            self.counts.push(((self.of.to_owned(), what, outcome.to_owned()), count));
-        }
+        self.counts.push(((self.of.to_owned(), what, outcome.to_owned()), count));
     }
 }
