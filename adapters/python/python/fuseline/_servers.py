@@ -25,7 +25,10 @@ def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
 
     class OpenpiRemote:
         def __init__(self) -> None:
-            from openpi_client.websocket_client_policy import WebsocketClientPolicy
+            try:
+                from openpi_client.websocket_client_policy import WebsocketClientPolicy
+            except ModuleNotFoundError as error:
+                raise ImportError(f"openpi needs the package openpi-client: {error}") from error
 
             self._policy = WebsocketClientPolicy(host, port)
 
@@ -61,10 +64,15 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
         def __init__(self) -> None:
             import pickle
 
-            import grpc
-            from lerobot.async_inference.helpers import TimedObservation
-            from lerobot.transport import services_pb2, services_pb2_grpc
-            from lerobot.transport.utils import send_bytes_in_chunks
+            try:
+                import grpc
+                from lerobot.async_inference.helpers import TimedObservation
+                from lerobot.transport import services_pb2, services_pb2_grpc
+                from lerobot.transport.utils import send_bytes_in_chunks
+            except ModuleNotFoundError as error:
+                raise ImportError(
+                    f"lerobot needs fuseline[grpc] and the package lerobot: {error}"
+                ) from error
 
             self._pickle, self._observation = pickle, TimedObservation
             self._messages, self._in_chunks = services_pb2, send_bytes_in_chunks

@@ -37,7 +37,10 @@ def judge(
     Raises:
         ImportError: if Ray is not there.
     """
-    from ray import data
+    try:
+        from ray import data
+    except ImportError as error:
+        raise ImportError("a fleet on Ray needs Ray Data: pip install 'ray[data]'") from error
 
     fleet.check_how(**how)
     files = [{"file": os.fspath(path)} for path in paths]
