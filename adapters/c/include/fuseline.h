@@ -658,6 +658,7 @@ fuseline_status fuseline_init(void *storage,
 
 /**
  * Ends a machine. Its storage is the caller's again, and further calls return FUSELINE_STATUS_FOREIGN.
+ * Messages that are open have no output.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_end(struct fuseline_machine *machine);

@@ -98,6 +98,7 @@ pub unsafe extern "C" fn fuseline_init(
 }
 
 /// Ends a machine. Its storage is the caller's again, and further calls return FUSELINE_STATUS_FOREIGN.
+/// Messages that are open have no output.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
