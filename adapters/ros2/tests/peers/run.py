@@ -182,6 +182,8 @@ def main():
     chosen = parser.parse_args()
     programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds,
                 "clock": chosen.clock}
+    # Some are started in other folders, and the loader passes over a library that it does not find.
+    programs = {name: program and os.path.abspath(program) for name, program in programs.items()}
     if chosen.alone:
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
