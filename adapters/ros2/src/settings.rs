@@ -242,6 +242,7 @@ impl Settings {
         settings.rosout = arguments.rosout;
         settings.unheeded = environment.cautions(&settings);
         settings.unheeded.extend(idle);
+        settings.unheeded.extend(idle_log_levels(arguments, &node));
         if let Err(why) = settings.keep_pace() {
             let origin = settings.origin("policy.rate");
             return Err(SettingsError::Workload { origin, why });
@@ -427,9 +428,25 @@ fn topics(
     Ok([input, topic("output", types[1], Role::Subscription)?])
 }
 
+/// The name of the node's logger, which is its only one.
+fn logger(node: &NodeName) -> String {
+    node.full()[1..].replace('/', ".")
+}
+
+/// A warning for each level of a logger that this node does not have.
+fn idle_log_levels(arguments: &Arguments, node: &NodeName) -> Vec<String> {
+    let own = logger(node);
+    let others = arguments.log_levels.iter().filter_map(|(logger, _)| logger.as_ref());
+    let others = others.filter(|other| **other != own);
+    let warning = |other| {
+        format!("--log-level {other}:=…: this node has no logger {other}; its own is {own}")
+    };
+    others.map(warning).collect()
+}
+
 /// The last level for this node's logger, or else for all.
 fn log_level(arguments: &Arguments, node: &NodeName) -> Option<Level> {
-    let logger = node.full()[1..].replace('/', ".");
+    let logger = logger(node);
     let levels = || arguments.log_levels.iter().rev();
     let own = levels().find(|(other, _)| other.as_ref() == Some(&logger));
     own.or_else(|| levels().find(|(other, _)| other.is_none())).map(|(_, level)| *level)

@@ -405,6 +405,9 @@ fn the_level_of_the_own_logger_wins() {
         level("--log-level car.fuseline:=debug --log-level error -r __ns:=/car"),
         Some(Level::Debug)
     );
+    let other = unheeded("--log-level fuseline:=debug -r __ns:=/car", &[]);
+    assert!(other.contains("no logger fuseline; its own is car.fuseline"), "{other}");
+    assert_eq!(unheeded("--log-level debug --log-level fuseline:=warn", &[]), "");
 }
 
 #[test]
