@@ -309,6 +309,23 @@ mod bags {
     }
 
     #[test]
+    fn many_and_long_messages_are_read_in_order() {
+        const STEP: u64 = 10_000_000;
+        let frame = |number: u32| {
+            let source = "x".repeat(if number == 100 { 100_000 } else { 0 });
+            stamped("/camera", STEP * u64::from(number), number, &source)
+        };
+        let dir = tempdir().unwrap();
+        let path = dir.path().join("bag.db3");
+        let frames: Vec<RecordedMessage> = (1..=300).map(frame).collect();
+        database(&path, &frames, Some(STAMPED));
+        let done = convert(&path, &["--topic", "open=/camera", "--column", "t=header.stamp"]);
+        let opened: Vec<u64> =
+            events(&done).iter().map(|event| event["at"].as_u64().unwrap()).collect();
+        assert_eq!((opened, err(&done)), ((1..=300).map(|number| STEP * number).collect(), ""));
+    }
+
+    #[test]
     fn a_database_that_is_none_is_refused_in_one_line() {
         let dir = tempdir().unwrap();
         let path = |name: &str| dir.path().join(name);

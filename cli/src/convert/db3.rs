@@ -1,24 +1,40 @@
 //! [`Db3Messages`]: the messages of some topics of a rosbag2 database.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 use std::rc::Rc;
 
 use fuseline_traces::packed::{PayloadFormat, PayloadSchema, RECORD, RawMessage};
-use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension};
 
 use crate::convert::topics::Recording;
+
+/// The number of messages that one statement reads, since preparing it takes longer than reading one.
+const AHEAD: usize = 256;
+/// The length above which a message is read by itself, so that few bytes are held.
+const SHORT: usize = 64 << 10;
 
 /// A database that is being read, in the order in which messages were written.
 pub(super) struct Db3Messages {
     connection: Connection,
     /// By their numbers in the database.
     topics: BTreeMap<i64, (usize, Rc<PayloadFormat>)>,
-    /// The statement for the message behind a number.
+    /// The statement for the messages behind a number.
     next: String,
+    /// The messages that were read and not yet handed over.
+    ahead: VecDeque<StoredMessage>,
     last: i64,
     /// All topics of the database.
     all: Vec<String>,
+}
+
+/// A row of the table of messages.
+struct StoredMessage {
+    id: i64,
+    topic: i64,
+    at: i64,
+    /// What it holds, unless it is longer than [`SHORT`].
+    data: Option<Vec<u8>>,
 }
 
 impl Db3Messages {
@@ -68,30 +84,52 @@ impl Db3Messages {
         drop(found);
         let ids: Vec<String> = topics.keys().map(i64::to_string).collect();
         let next = format!(
-            "SELECT id, topic_id, timestamp, CASE WHEN length(data) <= {RECORD} THEN data END \
-             FROM messages WHERE id > ?1 AND topic_id IN ({}) ORDER BY id LIMIT 1",
+            "SELECT id, topic_id, timestamp, CASE WHEN length(data) <= {SHORT} THEN data END AS data \
+             FROM messages WHERE id > ?1 AND topic_id IN ({}) ORDER BY id LIMIT {AHEAD}",
             ids.join(", ")
         );
-        Ok(Self { connection, topics, next, last: i64::MIN, all })
+        Ok(Self { connection, topics, next, ahead: VecDeque::new(), last: i64::MIN, all })
     }
 
     fn next(&mut self) -> Result<Option<RawMessage>, String> {
-        let mut statement =
-            self.connection.prepare(&self.next).map_err(|error| error.to_string())?;
-        let row = statement.query_row(params![self.last], |row| {
-            let id: (i64, i64) = (row.get(0)?, row.get(1)?);
-            Ok((id, row.get::<_, i64>(2)?, row.get::<_, Option<Vec<u8>>>(3)?))
-        });
-        let Some(((id, topic), at, data)) = row.optional().map_err(|error| error.to_string())?
-        else {
+        if self.ahead.is_empty() {
+            let read = self.read_ahead();
+            // The next statement fails at the same row, after the messages before it are handed over.
+            read.or_else(
+                |error| if self.ahead.is_empty() { Err(error.to_string()) } else { Ok(()) },
+            )?;
+        }
+        let Some(StoredMessage { id, topic, at, data }) = self.ahead.pop_front() else {
             return Ok(None);
         };
-        self.last = id;
+        let data = match data {
+            None => self.long(id).map_err(|error| error.to_string())?,
+            data => data,
+        };
         let (Ok(log_time), Some(data)) = (u64::try_from(at), data) else {
             return Err(format!("message {id}: it has a time before 1970, or more than 40 MiB"));
         };
         let Some((topic, format)) = self.topics.get(&topic) else { return Ok(None) };
         Ok(Some(RawMessage { topic: *topic, log_time, format: Rc::clone(format), data }))
+    }
+
+    fn read_ahead(&mut self) -> Result<(), rusqlite::Error> {
+        let mut statement = self.connection.prepare(&self.next)?;
+        let mut rows = statement.query([self.last])?;
+        while let Some(row) = rows.next()? {
+            let (id, topic, at) = (row.get(0)?, row.get(1)?, row.get(2)?);
+            self.ahead.push_back(StoredMessage { id, topic, at, data: row.get(3)? });
+            self.last = id;
+        }
+        Ok(())
+    }
+
+    /// Returns what a message holds, or `None` if it holds nothing or is longer than a record may be.
+    fn long(&self, id: i64) -> Result<Option<Vec<u8>>, rusqlite::Error> {
+        let data = format!(
+            "SELECT CASE WHEN length(data) <= {RECORD} THEN data END AS data FROM messages WHERE id = ?1"
+        );
+        self.connection.query_row(&data, [id], |row| row.get(0))
     }
 }
 
