@@ -159,6 +159,7 @@ impl Campaign<'_> {
                     case: None,
                     limit: PATIENT,
                     stops: false,
+                    is_enough: &|_| false,
                     reached: None,
                 };
                 let seen = work.run(kind, &programs[kind.suite.name], trial)?;
@@ -195,7 +196,9 @@ impl Campaign<'_> {
             });
         }
         for kind in kinds {
-            let is_settled = self.is_settled(kind, fault, &lock(found));
+            let is_settled = self.is_settled(kind, fault, &BTreeSet::new(), &lock(found));
+            let is_enough =
+                |red: &BTreeSet<String>| self.is_settled(kind, fault, red, &lock(found));
             let by = lock(found).faults.get(&fault.name).map_or(0, Catches::kinds);
             if is_settled && by >= ENOUGH {
                 continue;
@@ -209,6 +212,7 @@ impl Campaign<'_> {
                 case,
                 limit: if case.is_some() { limit.min(FOR_A_CASE) } else { limit },
                 stops: kind.stops || is_settled,
+                is_enough: &is_enough,
                 reached: sound.map(|sound| &sound.reached),
             };
             let seen = work.run(kind, &programs[kind.suite.name], trial)?;
@@ -231,26 +235,32 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Returns `true` if it only matters that this kind catches a fault, and not with which
-    /// witness: two kinds have shown each of its identifiers, and the expected witness of this kind
-    /// has failed under a fault of each.
+    /// Returns `true` if this kind can show nothing more than that it catches the fault, now that
+    /// these witnesses failed: it or two others have shown each of the fault's identifiers, and the
+    /// expected witness of this kind has failed under a fault of each.
     fn is_settled(
         &self,
         kind: &WitnessKind,
         fault: &SeededFault,
+        red: &BTreeSet<String>,
         found: &CampaignFindings,
     ) -> bool {
+        let Ok(cited) = citation::cited(self.tree, kind, red) else { return false };
         let is_met = |id: &String| {
             let Some(name) = self.expected.get(id).and_then(|of| of.get(kind.name)) else {
                 return true;
             };
             let of_id = self.faults.iter().filter(|fault| fault.breaks.contains(id));
             let mut caught = of_id.filter_map(|fault| found.faults.get(&fault.name));
-            caught.any(|it| it.by.get(kind.name).is_some_and(|by| by.contains(name)))
+            red.contains(name)
+                || caught.any(|it| it.by.get(kind.name).is_some_and(|by| by.contains(name)))
         };
         // An ambiguity needs no witness of its own.
         let is_shown = |id: &String| {
-            id.starts_with('A') || found.shown.get(id).is_some_and(|kinds| kinds.len() >= ENOUGH)
+            let by = found.shown.get(id);
+            let has_shown =
+                |kinds: &BTreeSet<_>| kinds.len() >= ENOUGH || kinds.contains(kind.name);
+            id.starts_with('A') || cited.contains(id) || by.is_some_and(has_shown)
         };
         !self.thorough && fault.breaks.iter().all(|id| is_met(id) && is_shown(id))
     }

@@ -48,7 +48,7 @@ impl FaultyCopy<'_> {
                 let mut command = of_interface.command(&place.0, self.copy.root());
                 command.env(VARIABLE, trial.fault.0.to_string());
                 let left = trial.limit.saturating_sub(begin.elapsed());
-                let (printed, code) = self.print(&mut command, left, false, log)?;
+                let (printed, code) = self.print(&mut command, left, &|_| false, log)?;
                 let holds = of_interface.happens(code, &printed);
                 seen.outcomes.insert(format!("{interface}::{}", of_interface.name), holds);
             }

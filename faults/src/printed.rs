@@ -78,6 +78,15 @@ pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     outcomes
 }
 
+/// Returns the complete lines that report failures. It can be called while the program goes on.
+pub(crate) fn failures(printed: &str) -> String {
+    let is_failure = |line: &&str| {
+        let is_model = line.starts_with('{') && line.contains(r#""holds":false"#);
+        line.ends_with('\n') && (is_model || line.contains("... FAILED"))
+    };
+    printed.split_inclusive('\n').filter(is_failure).collect()
+}
+
 fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")
 }
@@ -117,6 +126,16 @@ mod tests {
             FAILED tests/a.py::test_b[x-[1]] - assert 1 == 2\ntests/a.py::test_e ";
         let expected = of([("a::test_b", false), ("a::test_c", true), ("a::test_e", false)]);
         assert_eq!(read_pytest("pytest", printed), expected);
+    }
+
+    #[test]
+    fn test_that_still_runs_is_no_failure() {
+        let printed = "test f1_a ... ok\ntest f2_b ... FAILED\ntest f3_c ... ";
+        let expected = of([("rules::f2_b", false)]);
+        assert_eq!(read_tests("rules", &failures(printed)), expected);
+        assert_eq!(failures("test f2_b ... FAILED"), "");
+        let broken = "{\"config\":\"b\",\"holds\":false,\"violations\":{}}\n";
+        assert_eq!(failures(&format!("b: does not hold\n{broken}")), broken);
     }
 
     #[test]

@@ -16,7 +16,7 @@ use crate::artifacts::{primary_places, take_program};
 use crate::cases::INTERFACES;
 use crate::error::FaultsError;
 use crate::kind::{BuildSuite, Program, WitnessKind};
-use crate::printed::Outcomes;
+use crate::printed::{Outcomes, failures};
 use crate::schemata::{REACHED, VARIABLE};
 use crate::tree::Tree;
 
@@ -60,6 +60,8 @@ pub(crate) struct Trial<'a> {
     pub(crate) limit: Duration,
     /// `true` if it ends at the first witness that fails.
     pub(crate) stops: bool,
+    /// Returns `true` if it may end once these witnesses failed, since the others can show nothing more.
+    pub(crate) is_enough: &'a dyn Fn(&BTreeSet<String>) -> bool,
     /// The faults that each program came to without a fault. A program that never came to this one is left out.
     pub(crate) reached: Option<&'a ReachedFaults>,
 }
@@ -75,6 +77,13 @@ pub(crate) struct WitnessRun {
     pub(crate) took: Duration,
     /// The results of its programs, if they ran without a fault.
     pub(crate) reached: ReachedFaults,
+}
+
+impl Trial<'_> {
+    /// Returns `true` if it may end once these witnesses failed. A case of misuse runs to its end.
+    fn ends(&self, red: &BTreeSet<String>) -> bool {
+        self.case.is_none() && !red.is_empty() && (self.stops || (self.is_enough)(red))
+    }
 }
 
 impl WitnessRun {
@@ -238,7 +247,12 @@ impl FaultyCopy<'_> {
                 command.env(REACHED, &reached);
             }
             let left = trial.limit.saturating_sub(begin.elapsed());
-            let (printed, ended) = self.print(&mut command, left, trial.stops, &log)?;
+            let ends = |failed: &str| {
+                let mut red = seen.red();
+                red.extend((kind.read)(program.target, failed).into_keys());
+                trial.ends(&red)
+            };
+            let (printed, ended) = self.print(&mut command, left, &ends, &log)?;
             let mut outcomes = (kind.read)(program.target, &printed);
             // `-k` of pytest takes each test whose name contains the case's, and so do the peers.
             let case = trial.case.filter(|_| kind.takes_parts_of_names());
@@ -267,7 +281,7 @@ impl FaultyCopy<'_> {
                 let numbers = numbers.lines().filter_map(|line| line.parse().ok());
                 seen.reached.insert(program.target, numbers.collect());
             }
-            if seen.is_out_of_time || (trial.stops && seen.outcomes.values().any(|held| !held)) {
+            if seen.is_out_of_time || trial.ends(&seen.red()) {
                 break;
             }
         }
@@ -347,12 +361,13 @@ impl FaultyCopy<'_> {
         command
     }
 
-    /// Returns a program's output and its exit code, or `None` if its time was up.
+    /// Returns a program's output and its exit code, or `None` if its time was up. The program is
+    /// ended once `ends` accepts the failures that it printed; then only these are returned.
     pub(crate) fn print(
         &self,
         command: &mut Command,
         limit: Duration,
-        stops: bool,
+        ends: &dyn Fn(&str) -> bool,
         log: &Path,
     ) -> Result<(String, Option<i32>), FaultsError> {
         let own = log.with_extension("part");
@@ -361,13 +376,15 @@ impl FaultyCopy<'_> {
         let child = command.stdin(Stdio::null()).stdout(out).stderr(err).process_group(0).spawn();
         let mut child = child.map_err(FaultsError::file(&own))?;
         let begin = Instant::now();
+        let (mut failed, mut is_cut) = (String::new(), false);
         let ended = loop {
             if let Some(status) = child.try_wait().map_err(FaultsError::file(&own))? {
                 break Some(status.code().unwrap_or(KILLED));
             }
             let is_stopped = self.stop.load(Ordering::Acquire);
-            let has_failed =
-                stops && fs::read_to_string(&own).is_ok_and(|it| it.contains("... FAILED"));
+            let so_far = failures(&fs::read_to_string(&own).unwrap_or_default());
+            let has_failed = so_far.len() > failed.len() && ends(&so_far);
+            failed = so_far;
             if is_stopped || has_failed || begin.elapsed() > limit {
                 // It may have ended just now.
                 let _ = kill_process_group(Pid::from_child(&child), Signal::KILL);
@@ -375,6 +392,7 @@ impl FaultyCopy<'_> {
                 if is_stopped {
                     return Err(FaultsError::Interrupted);
                 }
+                is_cut = has_failed;
                 break has_failed.then_some(KILLED);
             }
             thread::sleep(GLANCE);
@@ -384,7 +402,8 @@ impl FaultyCopy<'_> {
         let before = fs::read_to_string(log).unwrap_or_default();
         fs::write(log, before + &printed).map_err(FaultsError::file(log))?;
         fs::remove_file(&own).map_err(FaultsError::file(&own))?;
-        Ok((printed, ended))
+        // A test that was running did not fail.
+        Ok((if is_cut { failed } else { printed }, ended))
     }
 
     /// Returns cargo's output.
