@@ -65,9 +65,6 @@ struct Cli {
     /// Print one JSON object on each line.
     #[arg(long)]
     json: bool,
-    /// Run a harness here on the values of a counterexample.
-    #[arg(long, num_args = 1.., value_names = ["NAME", "VALUE"])]
-    replay: Vec<String>,
     /// Ask this many questions at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
@@ -101,11 +98,8 @@ fn main() -> ExitCode {
 }
 
 fn act(cli: &Cli) -> Result<bool, Error> {
-    let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
+    let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let sources = source::read(tree)?;
-    if let Some((name, values)) = cli.replay.split_first() {
-        return replay(name, values);
-    }
     if cli.list {
         for harness in &sources.harnesses {
             println!(
@@ -168,32 +162,4 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         good &= run.faults(&record, &cli.harness)?;
     }
     Ok(good)
-}
-
-/// Runs a harness natively on recorded values.
-fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
-    let none = |kind: &'static str, name: &str| Error::Name { kind, name: name.to_owned() };
-    let found = fuseline_proofs::harness::ALL.iter().find(|(known, _)| *known == name);
-    let (_, harness) = found.ok_or_else(|| none("harness", name))?;
-    let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
-    let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
-    let ended = kani::native::replay(*harness, &values);
-    for line in fuseline_proofs::take_recording() {
-        println!("{line}");
-    }
-    match ended {
-        Ok(report) => {
-            println!("it holds for these values: {} assertions", report.assertions.len());
-            Ok(true)
-        }
-        Err(kani::native::RunError::Rejected) => {
-            println!("these values are left out by an assumption: they show nothing");
-            Ok(false)
-        }
-        Err(kani::native::RunError::Failed(failure)) => {
-            let place = failure.location.unwrap_or_else(|| "a panic".to_owned());
-            println!("it does not hold: {} ({place})", failure.message);
-            Ok(false)
-        }
-    }
 }

@@ -3,7 +3,7 @@ use crate::source;
 
 #[test]
 fn committed_ledger_has_all_harnesses() {
-    let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
+    let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let sources = source::read(tree).expect("the harnesses");
     let ledger = VerdictLedger::load(tree).expect("a ledger");
     assert_eq!(ledger.differs(&sources), Vec::<String>::new());

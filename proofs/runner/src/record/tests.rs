@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn each_fault_has_a_catcher_or_a_reason() {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let faults = load_faults(&Tree::new(root.to_owned())).expect("the faults");
     let uncatchable = UncatchableFaults::load(root, &faults).expect("the reasons");
     let record = Record::load(root).expect("the record");
