@@ -1,6 +1,6 @@
 //! The core's decisions as lines.
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Annotations, Decision, Event, HeldValues, Input};
 
 /// Goes along with the core's decisions, so that an emit says of its value what the result that it sends said.

@@ -3,8 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
-use fuseline_arbiter::Arbiter;
 use fuseline_core::ConfigError;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
 /// The one cloud's priority.

@@ -11,9 +11,8 @@ use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
 /// The folders of the code that meets the rules.
-const CODE: [&str; 10] = [
+const CODE: [&str; 9] = [
     "core/src",
-    "adapters/arbiter/src",
     "adapters/engine/src",
     "adapters/ros2/src",
     "adapters/threads/src",

@@ -172,11 +172,10 @@ fn chosen(
 
 /// Whether all that the outcome depends on is as it was in this commit.
 fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
-    const SOURCES: [&str; 13] = [
+    const SOURCES: [&str; 12] = [
         "core",
         "traces",
         "adapters/threads",
-        "adapters/arbiter",
         "adapters/engine",
         "testkit",
         "models",

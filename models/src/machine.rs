@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
 
-use fuseline_arbiter::{Arbiter, decisions_of};
+use fuseline_engine::arbiter::{Arbiter, decisions_of};
 use fuseline_traces::{Decision, Header, Input};
 
 /// The greatest number of clouds in a model.

@@ -6,8 +6,8 @@
 
 use std::time::Duration;
 
-use fuseline_arbiter::Arbiter;
 use fuseline_core::{Priority, Timestamp};
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_engine::{Budget, Reserve};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 use stateright::{Checker, Model, Property};

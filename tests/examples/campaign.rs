@@ -10,7 +10,7 @@ use std::process::{ChildStdin, ChildStdout, Command, ExitCode, Stdio};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::Reference;
 

@@ -3,7 +3,7 @@
 
 use std::io::{self, BufRead, Write};
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Event, Line, parse};
 
 fn main() -> io::Result<()> {

@@ -6,7 +6,7 @@
 mod bytes;
 mod edit;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{Coverage, Mark, Run, admissions_and_ends};
 use fuseline_traces as traces;
 use fuseline_traces::{

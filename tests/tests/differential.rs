@@ -5,7 +5,7 @@ use std::fs;
 use std::io::BufReader;
 use std::path::Path;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{
     Coverage, Generator, Ledger, OperatorConfig, Run, VariedGenerator, admissions_and_ends, split,
 };

@@ -193,16 +193,6 @@ fn core_behind_a_package_that_traces_uses_is_seen() {
 }
 
 #[test]
-fn the_arbiter_reaches_of_ours_core_and_traces_alone() {
-    let reached = reached_from("fuseline-arbiter", &graph());
-    let ours: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
-    assert_eq!(ours, ["fuseline-core", "fuseline-traces"]);
-    for heavy in ["metrics", "tracing", "tokio"] {
-        assert!(!reached.contains(heavy), "the arbiter reaches {heavy}");
-    }
-}
-
-#[test]
 fn what_unpacks_and_reads_csv_is_optional_in_traces() {
     let traces = member("fuseline-traces");
     for heavy in ["csv", "mcap", "zstd"] {

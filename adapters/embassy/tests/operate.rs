@@ -9,9 +9,9 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, MockDriver};
-use fuseline_arbiter::{Answer, decisions_of};
 use fuseline_core::{Cloud, Commit, Deadline, Fusion, Held, Priority, Timestamp};
 use fuseline_embassy::{Arrival, Report, operate};
+use fuseline_engine::arbiter::{Answer, decisions_of};
 use fuseline_traces::{Decision, Input, judge};
 
 const CLOUD: Priority = Priority::new(1);

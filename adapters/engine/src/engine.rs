@@ -15,6 +15,7 @@ use fuseline_core::{Admission, Opening};
 use fuseline_deadline::{End, Situation};
 use fuseline_traces::{Annotations, Input, ValueKeys, nanos};
 
+use crate::arbiter::Answer;
 use crate::budget::Budget;
 use crate::config::{EngineConfig, EngineConfigError};
 use crate::counts::{CountedEvent, Counting, Counts};
@@ -33,7 +34,6 @@ use crate::recordings::Recordings;
 use crate::sized_arbiter::{ServedFirings, SizedArbiter};
 use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
-use fuseline_arbiter::Answer;
 
 /// One operator: the core, the values that it holds, the queues to its sources, its counts and its
 /// recordings.

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod aligner;
+pub mod arbiter;
 mod budget;
 mod config;
 mod counts;

@@ -8,8 +8,8 @@ use std::io;
 use fuseline_core::{Commit, Firing};
 use fuseline_traces::{Annotations, Decision, HeldValues, Input};
 
+use crate::arbiter::{Answer, decisions_of};
 use crate::writer::TraceWriter;
-use fuseline_arbiter::{Answer, decisions_of};
 
 /// The writers, and the decisions of the current input.
 #[derive(Default)]

@@ -3,7 +3,7 @@
 //! A machine's memory, and the number of keys that it reads when a timer changes, depend on its capacity, not
 //! on its window. Its answers do not.
 
-use fuseline_arbiter::{Answer, Arbiter, CLOUDS};
+use crate::arbiter::{Answer, Arbiter, CLOUDS};
 use fuseline_core::{Commit, ConfigError, Firing, OfferRefusal};
 use fuseline_traces::{Header, Input};
 

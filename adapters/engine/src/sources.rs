@@ -8,11 +8,11 @@ use std::ops::{Index, IndexMut};
 
 use fuseline_traces::nanos;
 
+use crate::arbiter::CLOUDS;
 use crate::config::CloudConfig;
 use crate::effect::Local;
 use crate::item::Source;
 use crate::queue::{AbandonedRequest, SourceQueue};
-use fuseline_arbiter::CLOUDS;
 
 /// Local's index.
 pub(crate) const LOCAL: usize = 0;

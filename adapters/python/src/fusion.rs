@@ -1,6 +1,6 @@
 //! The machine.
 
-use fuseline_arbiter::{Answer, Arbiter, decisions_of};
+use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_core::{Deadline, Firing, OfferRefusal, Priority, Timestamp};
 use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};

@@ -2,7 +2,7 @@
 
 use std::io::BufRead;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{

@@ -10,10 +10,9 @@ use crate::citation::{
 use crate::fault::SeededFault;
 use crate::printed::{read_models, read_peers, read_pytest, read_steps, read_tests, read_traces};
 
-const ARBITER: &str = "adapters/arbiter/";
+const ARBITER: &str = "adapters/engine/src/arbiter";
 const THREADS: &str = "adapters/threads/src/";
 const GRPC: &str = "adapters/tokio/src/grpc/";
-const OPERATORS: [&str; 2] = ["adapters/engine/", "adapters/tokio/"];
 
 const fn program(
     package: &'static str,
@@ -181,7 +180,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "part",
         title: "tests of one part of an operator",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
+        concerns: |fault| is_of_operators(fault) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[
             program("fuseline-engine", "fuseline_engine", &[]),
@@ -195,7 +194,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "operator",
         title: "tests of whole operators",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
+        concerns: |fault| is_of_operators(fault) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[
             program("fuseline-tokio", "all_tokio", &["--skip=graphs::", "--skip=floor::"]),
@@ -208,7 +207,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "graph",
         title: "graphs of operators drawn at random",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
+        concerns: |fault| is_of_operators(fault) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[program("fuseline-tokio", "all_tokio", &["graphs::", "floor::"])],
         threads: "2",
@@ -243,7 +242,7 @@ pub const KINDS: &[WitnessKind] = &[
         title: "checks of simulated operators",
         concerns: |fault| {
             let others = [GRPC, "adapters/tokio/src/shared.rs", "adapters/engine/src/workload.rs"];
-            starts_with(fault, &OPERATORS) && !starts_with(fault, &others) || fault.file == RECORDER
+            is_of_operators(fault) && !starts_with(fault, &others) || fault.file == RECORDER
         },
         suite: &OPERATOR,
         programs: &[program("fuseline-system-tests", "checks", &[])],
@@ -381,6 +380,11 @@ fn starts_with(fault: &SeededFault, files: &[&str]) -> bool {
 /// Returns `true` if a fault is in the machine with one caller.
 fn is_of_machine(fault: &SeededFault) -> bool {
     starts_with(fault, &["core/src/", ARBITER])
+}
+
+/// Returns `true` if a fault is in what drives the machine.
+fn is_of_operators(fault: &SeededFault) -> bool {
+    starts_with(fault, &["adapters/engine/", "adapters/tokio/"]) && !is_of_machine(fault)
 }
 
 /// Returns `true` if a fault is in the format, the judges or the recorder.

@@ -13,6 +13,7 @@ use fuseline_deadline::End;
 use fuseline_traces::{Annotations, DropReason, Input, nanos};
 use tracing::{debug, error, info, warn};
 
+use crate::arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 use crate::counts::CountedEvent;
 use crate::effect::{Effect, Hint};
 use crate::engine::Engine;
@@ -22,7 +23,6 @@ use crate::outage::OutageLine;
 use crate::policies::PolicyPanic;
 use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
-use fuseline_arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 
 impl<V, R> Engine<V, R> {
     /// Notes the time before the input that carries it.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input, nanos};
 
 use crate::quantile::{ArrivalTime, Response};

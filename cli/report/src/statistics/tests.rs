@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Header};
 
 use super::*;

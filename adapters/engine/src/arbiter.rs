@@ -1,4 +1,28 @@
-#![doc = include_str!("../README.md")]
+//! Connects the state machine to the trace format.
+//!
+//! It applies one input, answers in the core's own types, and converts the answer to lines of a trace. It decides
+//! nothing itself. Nothing else translates the core's answers and reasons to those of `fuseline-traces`.
+//!
+//! ```rust
+//! use fuseline_engine::arbiter::{Answer, Arbiter};
+//! use fuseline_core::Opening;
+//! use fuseline_traces::{Input, Line, parse};
+//!
+//! let header = br#"{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}"#;
+//! let Ok(Line::Header(header)) = parse(header) else { panic!("a header") };
+//! let mut arbiter = Arbiter::<3, 16>::new(&header)?;
+//!
+//! // As types: first the firings, then the input's own answer.
+//! let open = Input::Open { at: 0, t: 7, deadline: None };
+//! let answer = arbiter.apply(&open, |_, firing| println!("{firing:?}"));
+//! assert_eq!(answer, Answer::Open { t: 7, opening: Opening::Accepted });
+//!
+//! // As lines.
+//! let mut lines = Vec::new();
+//! arbiter.decide(&Input::Result { at: 1, t: 7, p: 0 }, |decision| lines.push(decision.to_string()));
+//! assert_eq!(lines, [r#"{"ev":"emit","at":1,"t":7,"p":0}"#]);
+//! # Ok::<(), fuseline_core::ConfigError>(())
+//! ```
 
 mod answer;
 mod reason;

@@ -3,7 +3,7 @@
 use fuseline_core::{Admission, Commit, Firing, Opening, Outcome, Priority};
 use fuseline_traces::Decision;
 
-use crate::reason::{drop_reason, offer_refusal, open_refusal};
+use super::reason::{drop_reason, offer_refusal, open_refusal};
 
 /// The answer to one input, with the timestamp and priority of the input. `p` is any number, as in a trace
 /// (A18).
