@@ -2,15 +2,16 @@
 //! that gets `Forwarded` gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
-mod common;
+#[path = "common/turn.rs"]
+mod turn;
 
 use std::sync::atomic::{AtomicBool as Flag, Ordering};
 
-use common::CallOrder;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
-use fuseline_threads::{CallOutcome, Shared, ValueOwner};
+use fuseline_threads::{Call, CallOutcome, Message, Shared, ValueOwner};
 use loom::model::Builder;
-use loom::thread;
+use loom::thread::{self, JoinHandle};
+use turn::CallOrder;
 
 const CLOUD: Priority = Priority::new(1);
 
@@ -26,11 +27,6 @@ fn explore(rules: &[Commit], run: impl Fn(Commit) + Sync + Send + Copy + 'static
     }
 }
 
-fn intake(commit: Commit) -> ValueOwner<'static, &'static str, 1, 1> {
-    let shared = Shared::new(1, commit, &[Cloud::new(CLOUD, 1)]).unwrap();
-    ValueOwner::new(Box::leak(Box::new(shared)))
-}
-
 const fn at(nanos: u64) -> Instant {
     Instant::from_nanos(nanos)
 }
@@ -39,9 +35,38 @@ fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
     matches!(outcome, Outcome::Forwarded { .. } | Outcome::Preliminary { .. })
 }
 
+type Intake = ValueOwner<'static, &'static str, 1, 1>;
+type Reply = CallOutcome<&'static str, 1>;
+
+/// A message whose local result another thread brings at 9, and whose request to the cloud is due at 10.
+struct Race {
+    intake: Intake,
+    message: Message<'static, &'static str, 1, 1>,
+    call: Call<'static, &'static str, 1, 1>,
+    local: JoinHandle<Reply>,
+    turn: CallOrder,
+}
+
+impl Race {
+    fn new(commit: Commit) -> Self {
+        let shared = Shared::new(1, commit, &[Cloud::new(CLOUD, 1)]).unwrap();
+        let mut intake = Intake::new(Box::leak(Box::new(shared)));
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let turn = CallOrder::default();
+        let their_turn = turn.clone();
+        let local = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "local")
+        });
+        turn.take();
+        Self { intake, message, call: call.unwrap().0, local, turn }
+    }
+}
+
 /// Returns `true` if a caller that forwards has a value, and a caller whose result was dropped has its own
 /// back.
-fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
+fn is_complete(reply: &Reply) -> bool {
     let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
     let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
     (fired || is_forwarded(&reply.outcome)) == reply.forwarded.is_some()
@@ -52,22 +77,13 @@ fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
 #[test]
 fn p1_the_timer_forwards_the_value_that_was_held() {
     explore(ONE_OUTPUT, |commit| {
-        let mut intake = intake(commit);
-        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
-        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let turn = CallOrder::default();
-        let their_turn = turn.clone();
-        let other = thread::spawn(move || {
-            their_turn.take();
-            local.result(at(9), "local")
-        });
-        turn.take();
+        let Race { message, call, local: other, .. } = Race::new(commit);
         let expired = message.expire(at(10));
         let reply = other.join().unwrap();
         assert!(is_complete(&reply));
         let by_timer = expired.and_then(|(_, value)| value);
         assert_eq!(by_timer.xor(reply.forwarded), Some("local"));
-        let late = call.unwrap().0.result(at(10), "cloud");
+        let late = call.result(at(10), "cloud");
         assert!(is_complete(&late) && late.unused == Some("cloud"));
     });
 }
@@ -76,17 +92,7 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
 #[test]
 fn p3_local_and_a_cloud_race_with_their_values() {
     explore(ONE_OUTPUT, |commit| {
-        let mut intake = intake(commit);
-        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
-        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let (call, _) = call.unwrap();
-        let turn = CallOrder::default();
-        let their_turn = turn.clone();
-        let other = thread::spawn(move || {
-            their_turn.take();
-            local.result(at(9), "local")
-        });
-        turn.take();
+        let Race { call, local: other, .. } = Race::new(commit);
         let cloud = call.result(at(9), "cloud");
         let local = other.join().unwrap();
         assert!(is_complete(&cloud) && is_complete(&local));
@@ -99,17 +105,8 @@ fn p3_local_and_a_cloud_race_with_their_values() {
 #[test]
 fn f3_a_stale_value_races_the_reuse_of_its_place() {
     explore(ONE_OUTPUT, |commit| {
-        let mut intake = intake(commit);
-        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
-        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let turn = CallOrder::default();
-        let their_turn = turn.clone();
-        let stale = thread::spawn(move || {
-            their_turn.take();
-            local.result(at(9), "stale")
-        });
-        turn.take();
-        let first = call.unwrap().0.result(at(5), "cloud");
+        let Race { mut intake, message, call, local: stale, turn } = Race::new(commit);
+        let first = call.result(at(5), "cloud");
         assert_eq!(first.forwarded, Some("cloud"));
         drop(message);
         turn.take();
@@ -128,16 +125,7 @@ fn f3_a_stale_value_races_the_reuse_of_its_place() {
 fn p1_progressive_timer_sends_no_value() {
     static BY_TIMER: Flag = Flag::new(false);
     explore(PROGRESSIVE, |commit| {
-        let mut intake = intake(commit);
-        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
-        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let turn = CallOrder::default();
-        let their_turn = turn.clone();
-        let other = thread::spawn(move || {
-            their_turn.take();
-            local.result(at(9), "local")
-        });
-        turn.take();
+        let Race { message, call, local: other, .. } = Race::new(commit);
         let (firing, by_timer) = message.expire(at(10)).expect("nobody else ticks");
         let reply = other.join().unwrap();
         assert!(is_complete(&reply));
@@ -146,7 +134,7 @@ fn p1_progressive_timer_sends_no_value() {
         let is_final = matches!(firing.outcome, Outcome::Final { .. });
         assert_eq!(is_final, matches!(reply.outcome, Outcome::Preliminary { .. }));
         BY_TIMER.fetch_or(is_final, Ordering::Relaxed);
-        let late = call.unwrap().0.result(at(10), "cloud");
+        let late = call.result(at(10), "cloud");
         assert!(is_complete(&late) && late.unused == Some("cloud"));
     });
     assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never made it final");
@@ -157,17 +145,7 @@ fn p1_progressive_timer_sends_no_value() {
 fn p3_progressive_sends_rising_values() {
     static BOTH: Flag = Flag::new(false);
     explore(PROGRESSIVE, |commit| {
-        let mut intake = intake(commit);
-        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
-        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let (call, _) = call.unwrap();
-        let turn = CallOrder::default();
-        let their_turn = turn.clone();
-        let other = thread::spawn(move || {
-            their_turn.take();
-            local.result(at(9), "local")
-        });
-        turn.take();
+        let Race { call, local: other, .. } = Race::new(commit);
         let cloud = call.result(at(9), "cloud");
         let local = other.join().unwrap();
         assert!(is_complete(&cloud) && is_complete(&local));
