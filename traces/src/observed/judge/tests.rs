@@ -1,3 +1,4 @@
+use super::closing::OVERDUE;
 use super::*;
 use crate::event::Commit;
 
