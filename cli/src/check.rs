@@ -31,26 +31,26 @@ const AT_ONCE: usize = 4;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Strictly, every decision is compared with the one that the rules demand, keys and order included.
-With --observed the trace is one that several threads or hosts recorded: each timestamp is judged
-by itself, and conforms if the rules can explain what came out of it, given that each instant may be
-off by the tolerance and that timers and outputs may be late by the lateness. Memory grows with the
-timestamps that are open at once, not with the trace.
+Without --observed, every decision is compared with the decision that the rules demand, with its keys
+and its order. --observed judges a trace that several threads or hosts recorded. It judges each
+timestamp by itself. A timestamp conforms if the rules can explain its outputs, although instants may be
+off by the tolerance, and timers and outputs late by the lateness. Memory grows with the timestamps that
+are open at once, not with the trace.
 
 A hung operator conforms unless you give --ended or --period, or the recorder writes a last tick: a
 trace does not show that its run is over. With --period the operator must open a message at least that
 often, whatever its timestamp is.
 
-A trace conforms if it breaks no rule and nothing is in doubt. If something is, the verdict is \"no
-violation found\" with what the judge could not see, and the exit code is 3. --accept accepts kinds of
-doubt:
+A trace conforms if it breaks no rule and nothing is in doubt. If something is in doubt, the verdict is
+\"no violation found\", with what the judge could not see, and the exit code is 3. --accept accepts
+kinds of doubt:
   unjudged    no timestamp was judged
   unanswered  messages have no output, though later ones were answered
   unfinished  messages were open when the run ended (--ended)
-  unopened    requests, results or outputs are of timestamps that no open has
+  unopened    requests, results or outputs have timestamps that no open has
   silent      a cloud answered none of its requests
-  coarse      deadlines are no longer than the lateness and twice the tolerance
-  blurred     all lies within the tolerance, so that its order is unknown
+  coarse      deadlines are no longer than the lateness plus twice the tolerance
+  blurred     everything lies within the tolerance, so its order is unknown
   endless     no deadline of a source ended within the trace
   cut         the trace was cut off (--truncated)
 A message that is still within its deadlines when the trace ends is not in doubt. Without --observed,
@@ -74,12 +74,12 @@ Examples:
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
   fuseline check --truncated crashed.jsonl")]
 pub(crate) struct Args {
-    /// The traces; - or none is standard input.
+    /// The traces; standard input if there are none, or for -.
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
     how: JudgeOptions,
-    /// Print one JSON object a file: file, conforms, judged, lines, doubts, violations.
+    /// Print one JSON object for each file: file, conforms, judged, lines, doubts, violations.
     #[arg(long)]
     json: bool,
     /// Write the verdicts for continuous integration, as `JUnit` XML.
@@ -87,7 +87,7 @@ pub(crate) struct Args {
     junit: Option<PathBuf>,
     #[command(flatten)]
     results: Files,
-    /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
+    /// Keep judging one file while it grows, until Ctrl-C; messages that are open then are not judged.
     #[arg(long, conflicts_with_all = ["junit", "sarif", "ended"])]
     follow: bool,
 }

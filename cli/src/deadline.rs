@@ -35,23 +35,23 @@ const COLUMNS: [&str; 3] = ["response_s", "answered", "count"];
 #[command(
     allow_negative_numbers = true,
     after_help = "\
-Metres and seconds. A figure that is not known exactly is given as LEAST..GREATEST; its side that
-keeps the guarantee is taken. The vehicle brakes when three frames in a row report an obstacle at
-rest. Every frame goes to local and to the cloud, outputs leave at most 5 ms after they are due, and
-2 m are to be left where local alone stops.
+Figures are in metres and seconds. Give a figure that is not known exactly as LEAST..GREATEST; the end
+that keeps the guarantee is used. The vehicle brakes when three frames in a row report an obstacle at
+rest. Every frame goes to local and to the cloud, outputs leave at most 5 ms after they are due, and the
+vehicle keeps 2 m from the obstacle if local alone stops.
 
 guard is the longest deadline with which no obstacle is hit that local alone would not have hit, if
 local sees it from its range on and the cloud reports whatever local would:
-  case 1  local alone surely stops: as long as that stays so
-  case 2  local alone surely does not stop: as long as the cloud might
-  case 3  neither is sure: no later than local alone
-expected is, up to there, the deadline of least mean loss: the square of the speed at impact, in
-m²/s². With --class it is the mean over the classes, by weight.
+  case 1  local alone certainly stops: as long as that remains true
+  case 2  local alone certainly does not stop: as long as the cloud might
+  case 3  neither is certain: no later than local alone
+expected is the deadline of least mean loss up to guard. The loss is the square of the speed at impact,
+in m²/s². With --class it is the mean over the classes, by weight.
 
 --calls is CSV with the columns response_s, answered (1: the result came then; 0: the call was
-given up then, inf: it failed) and, if wanted, count. Without it every call counts as late.
+given up then, inf: it failed) and, optionally, count. Without it every call counts as late.
 
-Exit code 0 when done, 2 if something makes no sense.
+Exit code 0 when done, 2 if a figure is not plausible.
 
 Examples:
   fuseline deadline --speed 11,18,20,22,24
@@ -59,37 +59,37 @@ Examples:
   fuseline deadline --speed 18,22 --policy expected --calls calls.csv --json"
 )]
 pub(crate) struct Args {
-    /// Speeds, in m/s.
+    /// The speeds, in m/s.
     #[arg(long, required = true, value_name = "V,V,…", value_delimiter = ',', value_parser = speed)]
     speed: Vec<f64>,
-    /// How the deadline is chosen.
+    /// The policy that chooses the deadline.
     #[arg(long, default_value = "guard")]
     policy: PolicyArgument,
-    /// How the calls of the cloud ended; - is standard input.
+    /// A file of how the cloud's calls ended; - is standard input.
     #[arg(long, value_name = "FILE")]
     calls: Option<PathBuf>,
-    /// Full braking, in m/s².
+    /// The deceleration of full braking, in m/s².
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = deceleration)]
     deceleration: Span<MetresPerSecondSquared>,
-    /// From the decision to brake until the brakes act.
+    /// The time from the decision to brake until the brakes act.
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: Span<Duration>,
-    /// Frames of the camera, in Hz.
+    /// The rate of the camera's frames, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
     rate: Span<f64>,
-    /// How far away local begins to report an obstacle, in m.
+    /// The distance from which local begins to report an obstacle, in m.
     #[arg(long, value_name = "M", default_value = "39", value_parser = distance)]
     range_local: Span<Metres>,
-    /// How far away the cloud begins to report an obstacle, in m.
+    /// The distance from which the cloud begins to report an obstacle, in m.
     #[arg(long, value_name = "M", default_value = "57", value_parser = distance)]
     range_cloud: Span<Metres>,
-    /// From a frame's capture until local's result.
+    /// The time from a frame's capture until local's result.
     #[arg(long, value_name = "TIME", default_value = "301.7ms", value_parser = time)]
     local_response: Span<Duration>,
     /// The nearest place from which something may come into sight, in m [default: none].
     #[arg(long, value_name = "M", value_parser = reveal)]
     reveal: Option<Metres>,
-    /// A class of hazards, with its weight and both ranges, in m; instead of the two ranges, again for each class.
+    /// A class of hazards, with its weight and both ranges in m, instead of the two ranges; repeatable.
     #[arg(
         long,
         value_name = "WEIGHT,RL,RC",
@@ -97,7 +97,7 @@ pub(crate) struct Args {
         value_parser = hazard
     )]
     class: Vec<Hazard>,
-    /// Print one JSON object a line and speed, in seconds: speed, `budget_local`, `budget_cloud`, case, guard, deadline,
+    /// Print one JSON object for each speed, a line each, in seconds: speed, `budget_local`, `budget_cloud`, case, guard, deadline,
     /// loss.
     #[arg(long)]
     json: bool,
@@ -116,7 +116,7 @@ enum PolicyArgument {
 enum DeadlineError {
     #[error("{invalid}; change {options}")]
     Invalid { invalid: Invalid, options: &'static str },
-    #[error("{file}: no calls below its first row; give some, or leave --calls out")]
+    #[error("{file}: no calls below its first row; give some, or omit --calls")]
     Nothing { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
@@ -128,7 +128,7 @@ impl From<DeadlineError> for Fault {
     }
 }
 
-/// What is shown for one speed.
+/// The figures for one speed.
 #[derive(Serialize)]
 struct SpeedRow {
     speed: f64,

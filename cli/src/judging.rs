@@ -20,7 +20,7 @@ use crate::part::PartOptions;
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TraceEnd {
-    /// What is not there by then is missing.
+    /// Whatever has not come by then is missing.
     Whole,
     /// The run has ended: what is not there is missing, whenever it was due.
     Ended,
@@ -34,30 +34,30 @@ pub(crate) enum TraceEnd {
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct JudgeOptions {
-    /// Judge what a concurrent implementation recorded, each timestamp by itself.
+    /// Judge a recording of a concurrent implementation, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
-    /// How far a recorded instant may be off either way, such as 2ms or 500us. After a name from the header
-    /// and =, such as server=10ms, that of the requests, results and failures of this cloud alone, or of
-    /// local; a cloud without a name goes by its priority.
+    /// The greatest error of a recorded instant, such as 2ms or 500us. With a source's name from the header,
+    /// such as server=10ms, the error of its requests, results and failures only; a cloud without a name is
+    /// named by its priority.
     #[arg(long, value_name = "[SOURCE=]TIME", requires = "observed", value_parser = tolerance,
         allow_hyphen_values = true)]
     tolerance: Vec<Tolerance>,
-    /// How late a timer may be served, and an output be put out, such as 5ms.
+    /// The greatest delay of a timer and of an output, such as 5ms.
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     lateness: Option<Duration>,
-    /// How often the operator opens a message, such as 100ms: a gap beyond this, the lateness and twice the
-    /// tolerance breaks J1, the time from the last open to the end of the trace included.
+    /// The time from one message to the next, such as 100ms. A gap longer than this plus the lateness and
+    /// twice the tolerance breaks J1, even from the last open to the end of the trace.
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     period: Option<Duration>,
-    /// Take the run for ended: what is not in the trace never came, and what was still due is overdue. A
-    /// message that only waits for local is unfinished, and not judged.
+    /// Treat the run as ended: whatever is not in the trace never came, and every timer that is left is
+    /// overdue. A message that only waits for local is unfinished, and not judged.
     #[arg(long, conflicts_with = "truncated")]
     ended: bool,
-    /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
-    /// decisions that are not there. The verdict says what was left out.
+    /// Judge a trace that a crash or a full disk cut off: ignore an incomplete last line and missing last
+    /// decisions. The verdict says what was ignored.
     #[arg(long)]
     truncated: bool,
     #[command(flatten)]
@@ -71,7 +71,7 @@ pub(crate) struct JudgeOptions {
 /// Which doubts are taken as they are.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct AcceptOption {
-    /// Take these kinds of doubt as they are, such as silent: a trace in which nothing else is in doubt conforms.
+    /// Accept these kinds of doubt, such as silent. A trace in which nothing else is in doubt conforms.
     #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = doubt_kind)]
     accept: Vec<DoubtKind>,
 }
@@ -116,7 +116,7 @@ pub(crate) fn judge(
     Ok(found)
 }
 
-/// What comes next in a trace.
+/// The next event of a trace.
 pub(crate) enum TraceStep {
     Event(Event),
     End,
@@ -160,7 +160,7 @@ struct ObservedTrace(ReadError);
 
 /// A trace ends in the midst of a line.
 #[derive(Debug, Error)]
-#[error("{0}; --truncated judges what stands before")]
+#[error("{0}; --truncated judges everything before it")]
 struct TruncatedTrace(ReadError);
 
 /// Reads a trace's header for the judge that is chosen.
@@ -190,7 +190,7 @@ impl JudgeOptions {
         }
     }
 
-    /// What is done where the trace ends.
+    /// The action at the end of the trace.
     pub(crate) const fn end(&self) -> TraceEnd {
         match (self.truncated, self.ended) {
             (true, _) => TraceEnd::Early,
@@ -266,10 +266,10 @@ impl JudgeOptions {
     }
 }
 
-/// One `--tolerance`.
+/// One option `--tolerance`.
 #[derive(Clone, Debug)]
 struct Tolerance {
-    /// Whose stamps it is about; of all others if there is none.
+    /// The source of the stamps, or `None` for all others.
     source: Option<String>,
     time: Duration,
 }
@@ -277,7 +277,7 @@ struct Tolerance {
 /// An option whose meaning holds always.
 #[derive(Debug, Error)]
 #[error(
-    "--require-judged no longer exists: a trace in which nothing is judged is in doubt (exit code 3); leave it out"
+    "--require-judged no longer exists: a trace in which nothing is judged is in doubt (exit code 3); omit it"
 )]
 struct RequireJudgedError;
 
@@ -309,7 +309,7 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
     Ok(Tolerance { source, time: time(span)? })
 }
 
-/// What a cloud goes by on the command line.
+/// Returns a cloud's name on the command line.
 fn cloud_name(cloud: &Cloud) -> String {
     cloud.name.clone().unwrap_or_else(|| cloud.p.to_string())
 }
@@ -346,7 +346,7 @@ pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Fi
 fn doubted((found, is_cut): (Findings, bool), cut: Option<u64>) -> Findings {
     let VerdictSummary { lines, .. } = found.summary();
     let what = match cut {
-        Some(line) => format!("line {line} is cut short and left out"),
+        Some(line) => format!("line {line} is cut short and was ignored"),
         None if is_cut => {
             format!("the trace ends with line {lines}, before all that was decided then")
         }

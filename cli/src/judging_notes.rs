@@ -1,11 +1,11 @@
-//! What a trace looks like beside what the judge says of it: notes for who judges it.
+//! Notes about a trace besides its verdict, for the user who judges it.
 
 use fuseline_report::{Findings, JudgeMode};
 use fuseline_traces::{Decision, Event, Input};
 
 use crate::diagnostics::print_line;
 
-/// What is looked at while a trace is judged.
+/// The facts that are noted while a trace is judged.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JudgingNotes {
     mode: JudgeMode,
@@ -32,8 +32,8 @@ impl JudgingNotes {
         let (file, requests) = (summary.file, self.requests);
         if self.mode.is_none() && summary.violations > 0 && self.offers == 0 && requests > 0 {
             print_line(format_args!(
-                "note: {file}: it has requests and no offers, as what several threads or machines recorded; judge that \
-                 with --observed --tolerance TIME --lateness TIME"
+                "note: {file}: it has requests but no offers, like a recording of several threads or hosts; judge it with \
+                 --observed --tolerance TIME --lateness TIME"
             ));
         }
     }

@@ -18,8 +18,8 @@ const CHUNK: usize = 64 * 1024;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Decision lines in the input are skipped, so a trace can be replayed as it is. Each input is answered
-as it is read: by hand, too.
+Decision lines in the input are skipped, so a whole trace can be replayed. Each input is answered as
+soon as it is read, so you can also type inputs by hand.
 
 Examples:
   fuseline replay fuseline-trace.jsonl | cmp - fuseline-trace.jsonl
@@ -52,7 +52,7 @@ fn answer<R: Read>(
     answer.push(b'\n');
     loop {
         out.write_all(&answer).map_err(Fault::Output)?;
-        // Whoever writes the inputs by hand waits for the answer before the next one.
+        // A user who types inputs waits for the answer before the next one.
         if reader.inner().buffer().is_empty() {
             out.flush().map_err(Fault::Output)?;
         }

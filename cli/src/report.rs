@@ -27,16 +27,16 @@ use crate::verdict;
 #[cfg(test)]
 mod tests;
 
-/// What the page is called if it has no other name.
+/// The default name of the page.
 pub(crate) const PAGE: &str = "report.html";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 The page is one file that needs no network: a summary by source, the response times, and a timeline
-from the whole run down to what happened to one timestamp and why. Violations stand in it with the
-rule that they break. Of what fuseline run left it also has the policies' table, the configuration and
-its caveats. Two to four traces stand side by side. Where traces are of operators of one vehicle, a
-timestamp shows its sensor's frame through all of them, and where its time went.
+from the whole run down to what happened to one timestamp and why. It shows violations with the rule
+that they break. For a trace of fuseline run it also has the policies' table, the configuration and its
+caveats. Two to four traces are shown side by side. If they are of operators of one vehicle, click a
+timestamp to follow its sensor's frame through all of them, and to see where its time went.
 
 Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
 if one breaks a rule, 2 if one cannot be read (then there is no page), 3 if something is in doubt; see
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Make the page again whenever a trace has changed, until Ctrl-C; what is not answered by then is not judged.
+    /// Make the page again whenever a trace has changed, until Ctrl-C; messages that are open then are not judged.
     #[arg(long, conflicts_with = "ended")]
     watch: bool,
     #[command(flatten)]
@@ -154,7 +154,7 @@ pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
     format!("{line}\n")
 }
 
-/// What `run` noted on a line.
+/// The notes of `run` on a line.
 fn notes(line: &[u8]) -> Option<RunNotes> {
     // Nearly no tick has any.
     line.windows(NOTES.len()).find(|key| *key == NOTES.as_bytes())?;

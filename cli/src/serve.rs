@@ -24,11 +24,11 @@ use fuseline_evaluation::models::Model;
 #[derive(clap::Args)]
 #[command(after_help = "\
 A reply takes the round trip that the drive had at that moment plus the runtime that the paper
-measured, up to 5 % more or less as the seed says. The drive begins with the first request.
+measured, up to 5 % more or less by the seed. The drive begins with the first request.
 
-With --forward it puts the drive before a real gRPC server, whatever its service:
-calls are passed on unread, each half of the round trip late on its way there and
-half on its way back. Clients use this address without TLS in place of the server's.
+With --forward it puts the drive in front of a real gRPC server, whatever its service.
+It passes calls on unread, and delays each by half of the round trip in either direction.
+Clients use this address without TLS instead of the server's.
 
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny
@@ -44,31 +44,31 @@ pub(crate) struct Args {
     #[arg(long, value_name = "URL", requires = "drive",
         conflicts_with_all = ["model", "seed", "cert", "client_ca", "token_file"])]
     forward: Option<String>,
-    /// The model: NAME@orin or NAME@a100; ,runtime=TIME and ,ap=AP after it replace the paper's figures, or describe
-    /// a model of one's own.
+    /// The model: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the paper's figures, or to describe
+    /// a model of your own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
-    /// The network on the way here: a built-in drive or a CSV file (see fuseline run --help).
-    /// Without it a reply takes the runtime alone.
+    /// The network to this server: a built-in drive or a CSV file (see fuseline run --help).
+    /// Without it a reply takes only the runtime.
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
-    /// Where the drive begins.
+    /// The time of the drive at which it begins.
     #[arg(long, value_name = "TIME", requires = "drive", value_parser = start,
         allow_hyphen_values = true)]
     start: Option<Duration>,
-    /// Decides how the emulated runtime strays.
+    /// The seed of the emulated runtime's spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The server's certificate, PEM; with it, it speaks TLS.
+    /// The server's certificate, in PEM; the server then uses TLS.
     #[arg(long, value_name = "FILE", requires = "key")]
     cert: Option<PathBuf>,
-    /// The certificate's private key, PEM.
+    /// The certificate's private key, in PEM.
     #[arg(long, value_name = "FILE", requires = "cert")]
     key: Option<PathBuf>,
-    /// The certificates, PEM, that clients' must be signed by (mutual TLS).
+    /// The CA certificates that must have signed clients' certificates, in PEM (mutual TLS).
     #[arg(long, value_name = "FILE", requires = "cert")]
     client_ca: Option<PathBuf>,
-    /// A file with the bearer token that each call must bear; else the
+    /// A file with the bearer token that each call must have; by default the
     /// environment's `FUSELINE_TOKEN`.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
@@ -81,7 +81,7 @@ fn start(text: &str) -> Result<Duration, String> {
 /// Why nothing can be served.
 #[derive(Debug, Error)]
 enum CannotServe {
-    #[error("--listen {address}: {}; choose an address of this machine and a free port", plain(.source))]
+    #[error("--listen {address}: {}; choose an address of this host and a free port", plain(.source))]
     Listen { address: SocketAddr, source: io::Error },
     #[error("{}", chain(.0))]
     Serve(ServeError),
@@ -174,7 +174,7 @@ async fn listening(
     let listener = TcpListener::bind(address).await.map_err(cannot)?;
     let address = listener.local_addr().map_err(cannot)?;
     let mut serving = pin!(serve(listener));
-    // What is of no use, such as certificates or a URL, shows at once.
+    // Unusable certificates or URLs show at once.
     tokio::select! {
         biased;
         early = &mut serving => return early.map_err(Fault::from),

@@ -267,5 +267,5 @@ fn a_conversion_keeps_the_keys_that_are_named() {
     fs::write(path("t.jsonl"), converted).unwrap();
     let exported = run(&["export", "--perfetto", &path("t.jsonl"), "-o", &path("t.json")], "");
     assert_eq!(exported.status.code(), Some(0));
-    assert!(err(&exported).contains("are left out"), "{}", err(&exported));
+    assert!(err(&exported).contains("are omitted"), "{}", err(&exported));
 }

@@ -62,7 +62,7 @@ fn rows_are_put_in_order_with_a_note() {
     let dir = folder(&rows.join("\n"));
     let noted = convert(&dir, &[]);
     assert_eq!(out(&noted), TRACE);
-    let note = "events that stood behind later ones and were put in order: 2 (first line 4: 11.5 ms before line 3)";
+    let note = "events that came after later ones and were sorted: 2 (first line 4: 11.5 ms before line 3)";
     assert!(err(&noted).contains(note), "{}", err(&noted));
     let sorted = convert(&dir, &["--sort"]);
     assert_eq!((out(&sorted), err(&sorted)), (TRACE, ""));

@@ -343,7 +343,7 @@ fn dirty_style(kind: u64, log: &mut DirtyLog) -> Style {
         7 => {
             style.is_quoted = true;
             style.id = |t| format!("run7-{}", t * 7919 % 1000);
-            (log.fate, log.says) = (Fate::ReadWithNote, "since ids are texts");
+            (log.fate, log.says) = (Fate::ReadWithNote, "because their ids are texts");
         }
         8 => style.id = |t| format!("{t}.0"),
         17 => {
@@ -387,7 +387,7 @@ fn soil_rows(
             let at = places[rng.index(places.len())];
             rows.swap(at, at + 1);
             if !is_frames {
-                (log.fate, log.says) = (Fate::ReadWithNote, "put in order");
+                (log.fate, log.says) = (Fate::ReadWithNote, "were sorted");
             }
         }
         16 => {
@@ -506,7 +506,7 @@ fn dirty_spans(rng: &mut Rng, kind: u64, frames: &[Frame]) -> DirtyLog {
         let frame_id = match kind {
             2 => json!({"doubleValue": frame.t}),
             3 => {
-                fate = (Fate::ReadWithNote, "since ids are texts");
+                fate = (Fate::ReadWithNote, "because their ids are texts");
                 json!({"stringValue": format!("frame-{}", frame.t)})
             }
             _ => json!({"intValue": frame.t.to_string()}),

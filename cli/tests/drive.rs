@@ -293,7 +293,7 @@ fn one_commit_rule_leaves_the_others_out() {
     let driven = drive(&["--commit", "eager", "--inputs", "20000"], &command);
     let printed = out(&driven);
     assert_eq!(driven.status.code(), Some(0), "{printed}");
-    assert!(printed.contains(" left out by --commit"), "{printed}");
+    assert!(printed.contains(" skipped because of --commit"), "{printed}");
     assert!(printed.contains("the commit rule patient, the commit rule progressive"), "{printed}");
     assert!(printed.contains("(--commit all)"), "{printed}");
     let report = report(&["--commit", "eager", "--cases", "9"], &command);

@@ -280,7 +280,11 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     fs::write(&header, out(&made)).unwrap();
     let trace = run(&[&["convert", "--header", &header], &names[..], &[&log]].concat(), "");
     assert_eq!(trace.status.code(), Some(0), "{}", err(&trace));
-    assert!(err(&trace).contains("rows left out, since they cannot be read: 2"), "{}", err(&trace));
+    assert!(
+        err(&trace).contains("rows skipped, because they cannot be read: 2"),
+        "{}",
+        err(&trace)
+    );
     let judge = ["check", "--observed", "--lateness", "4ms", "--tolerance"];
     let judged = run(&[&judge[..], &["1ms"]].concat(), out(&trace));
     assert_eq!((judged.status.code(), err(&judged)), (Some(1), ""));
@@ -453,8 +457,8 @@ fn screen_has_what_convert_understood() {
         "not used  own",
         "west      results 29 ms after the request; deadlines 50 ms, 1 of 2 answered; outputs -1 ms after its result",
         "clock     all stamps are multiples of 1 ms",
-        "events that stood behind later ones and were put in order: 1 (line 5: 1 ms before line 4)",
-        "messages numbered in their order, since ids are texts (x keeps them): 2 (first line 2: a is 0)",
+        "events that came after later ones and were sorted: 1 (line 5: 1 ms before line 4)",
+        "messages numbered in their order, because their ids are texts (x keeps them): 2 (first line 2: a is 0)",
         "--write-header -o header.jsonl",
         "--header header.jsonl -o trace.jsonl",
         "fuseline check --observed --tolerance 1ms --lateness 2ms trace.jsonl",
@@ -491,7 +495,7 @@ fn what_stands_for_no_value_is_no_id() {
     let (events, notes) = noted(rows, "log.csv", &["--missing", "nan", "--skip-bad"]);
     assert_eq!((events.len(), &events[0]["t"]), (2, &12.into()));
     assert!(
-        notes.contains("rows left out, since they cannot be read: 1 (line 3: column \"t\""),
+        notes.contains("rows skipped, because they cannot be read: 1 (line 3: column \"t\""),
         "{notes}"
     );
 }
@@ -516,7 +520,7 @@ fn units_that_cannot_be_meant_are_noted() {
 fn one_odd_id_is_noted_with_its_line() {
     let log = "ev,at,t\nopen,0,1\nmiss,5,1\nopen,9,2\nmiss,12,2.5\n";
     let (_, notes) = noted(log, "log.csv", &[]);
-    let odd = "lines whose id is no whole number, though others are: 1 (line 5: 2.5)";
+    let odd = "lines whose id is not a whole number, although others are: 1 (line 5: 2.5)";
     assert!(notes.contains(odd), "{notes}");
     let (_, notes) = noted("ev,at,t\nopen,0,a\nmiss,5,a\n", "log.csv", &[]);
     assert!(!notes.contains("no whole number"), "{notes}");

@@ -314,9 +314,9 @@ fn spans_left_out_are_counted() {
     let done = converted(&spans, &["--deadline", "40ms"]);
     assert_eq!((out(&done).lines().count(), done.status.code()), (9, Some(0)), "{}", out(&done));
     for note in [
-        "spans exported twice; each was taken once: 1 (the span \"infer.Model/Infer\" with the id 2)",
-        "client spans left out, since no message is above them (its span may not be in the file): 1",
-        "messages left out, since a span of theirs ends before it begins: 1 (the span \"decide\" with the id 1: by 8 ms)",
+        "spans exported twice; each was used once: 1 (the span \"infer.Model/Infer\" with the id 2)",
+        "client spans skipped, because no message is above them (its span may not be in the file): 1",
+        "messages skipped, because one of their spans ends before it begins: 1 (the span \"decide\" with the id 1: by 8 ms)",
     ] {
         assert!(err(&done).contains(note), "{}", err(&done));
     }
@@ -337,7 +337,7 @@ fn spans_that_cannot_be_read_are_left_out() {
     assert_eq!(converted(&spans, &[]).status.code(), Some(2));
     let done = converted(&spans, &["--skip-bad"]);
     assert_eq!((out(&done).lines().count(), done.status.code()), (5, Some(0)), "{}", err(&done));
-    let note = "rows left out, since they cannot be read: 2 (first the span \"decide\" with the id 3: missing field";
+    let note = "rows skipped, because they cannot be read: 2 (first the span \"decide\" with the id 3: missing field";
     assert!(err(&done).contains(note), "{}", err(&done));
 }
 
@@ -356,7 +356,7 @@ fn spans_of_several_files_are_one_log() {
     let more = ["--deadline", "40ms"];
     let done = run(&[&["convert", "--header", &header, &one, &two], &more[..]].concat(), "");
     assert_eq!((out(&done).lines().count(), done.status.code()), (5, Some(0)), "{}", err(&done));
-    assert!(err(&done).contains("two.json: spans exported twice; each was taken once: 1"));
+    assert!(err(&done).contains("two.json: spans exported twice; each was used once: 1"));
     let other = json!([{"traceID": "1", "operationName": "decide"}]).to_string();
     fs::write(&one, other).unwrap();
     let done = run(&["convert", "--header", &header, &one], "");
@@ -389,7 +389,7 @@ fn spans_that_never_ended_are_counted() {
         span("3", "1", "plan", 1, [1, 2], &json!({})),
     ];
     let done = converted(&spans, &["--deadline", "40ms"]);
-    let note = "spans that have not ended, read as still going on: 1 (the span \"infer.Model/Infer\" with the id 2)";
+    let note = "spans that have not ended, read as unfinished: 1 (the span \"infer.Model/Infer\" with the id 2)";
     assert!(err(&done).contains(note), "{}", err(&done));
 }
 
@@ -444,7 +444,7 @@ fn drawn_traces_come_back_with_their_verdicts() {
         assert_eq!(exported.status.code(), Some(0), "{}", err(&exported));
         let converted = run(&["convert", "--header", &trace, "--force", &spans, "-o", &back], "");
         assert_eq!(converted.status.code(), Some(0), "{seed}: {}", err(&converted));
-        if err(&exported).contains("spans cannot say them") {
+        if err(&exported).contains("spans cannot express them") {
             noted += 1;
             continue;
         }

@@ -233,7 +233,7 @@ fn events_of_a_service_are_requests_and_results() {
     for (kinds, note) in [
         (
             [0, 1, 2, 3],
-            "events that a service's server had, left out, since its client's are there: 2",
+            "events of a service's server, skipped because its client's events are there: 2",
         ),
         (
             [1, 1, 2, 2],

@@ -374,7 +374,7 @@ fn bad_options_are_one_line_and_exit_2() {
     let address = format!("127.0.0.1:{}", server.port);
     fs::write(dir.path().join("empty"), "\n").unwrap();
     for (args, expected) in [
-        (&["--listen", &address][..], "choose an address of this machine and a free port"),
+        (&["--listen", &address][..], "choose an address of this host and a free port"),
         (&["--listen", "50051"], "invalid socket address"),
         (&["--model", "yolo"], "no model \"yolo\""),
         (&["--drive", "none.csv"], "no readable file"),

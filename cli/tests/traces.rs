@@ -256,7 +256,7 @@ fn check_reads_what_export_made_for_viewers() {
     fs::write(&paths[1], &whole[..whole.len() / 2]).unwrap();
     let cut = run(&["check", recording], "");
     assert_eq!(cut.status.code(), Some(2));
-    assert!(err(&cut).contains("; --truncated judges what stands before"), "{}", err(&cut));
+    assert!(err(&cut).contains("; --truncated judges everything before it"), "{}", err(&cut));
 }
 
 fn packed(text: &str) -> Vec<u8> {
@@ -273,14 +273,14 @@ fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_requested() {
         let cut = &TRACE[..end + 5];
         let refused = run(&["check"], cut);
         assert_eq!(refused.status.code(), Some(2), "{cut}");
-        assert!(err(&refused).contains("; --truncated judges what stands before"), "{cut}");
+        assert!(err(&refused).contains("; --truncated judges everything before it"), "{cut}");
         let (_dir, paths) = files(&[("cut.jsonl", cut)]);
         let page = paths[0].with_extension("html");
         for args in [&["check", "--truncated"][..], &["report", "-o", text(&page), "--truncated"]] {
             let judged = run(&[args, &[text(&paths[0])]].concat(), "");
             assert_eq!(judged.status.code(), Some(3), "{cut}{}{}", out(&judged), err(&judged));
             let line = cut.matches('\n').count() + 1;
-            let printed = format!("cut: line {line} is cut short and left out");
+            let printed = format!("cut: line {line} is cut short and was ignored");
             assert!(out(&judged).contains(&printed), "{}", out(&judged));
         }
     }

@@ -31,11 +31,11 @@ pub(super) fn explain(
     let entries: Vec<&Entry> = runs.iter().flat_map(|run| &run.entries).collect();
     let left_out = match left_out {
         0 => String::new(),
-        count => format!("; {count} left out as --event says"),
+        count => format!("; {count} skipped because of --event"),
     };
     screen.line("events", &(counts(&entries, &sources) + &left_out));
     if entries.is_empty() {
-        // What is there says which options to give.
+        // The names in the log show which options to give.
         described.iter().take(4 * SHOWN).for_each(|name| screen.line("name", name));
     }
     for (number, run) in (1..).zip(&runs) {
@@ -68,7 +68,7 @@ pub(super) fn explain(
     Ok(Exit::Conforms)
 }
 
-/// What is printed.
+/// The printed lines.
 struct Screen(String);
 
 impl Screen {
@@ -109,7 +109,7 @@ fn times(run: &Run) -> String {
     )
 }
 
-/// What a log says of its sources and clocks.
+/// The facts about a log's sources and clocks.
 #[derive(Default)]
 struct Facts {
     sources: BTreeMap<u64, SourceFacts>,
@@ -122,7 +122,7 @@ struct Facts {
     end: i128,
 }
 
-/// What a log says of a source.
+/// The facts about one source of a log.
 #[derive(Default)]
 struct SourceFacts {
     requests: usize,

@@ -15,25 +15,26 @@ const STRICT: [&str; 7] = ["offer", "timer", "refuse", "hold", "drop", "final", 
 pub(super) const CLOCK_STEP: i128 = 1_000_000;
 /// No robot's messages come faster, or so slowly.
 const PERIODS: std::ops::RangeInclusive<i128> = 10_000..=3_600_000_000_000;
-/// Of fewer messages nothing can be said.
+/// With fewer messages there is too little evidence.
 const FEW: usize = 3;
 const DAY: i128 = 86_400_000_000_000;
 const MINUTE: i128 = 60_000_000_000;
 
 const GUESSED: &str = "outputs that do not say whose result they are (the last one was taken)";
 const GIVEN_UP: &str = "messages that end without a result, read as given up";
-const DISORDER: &str = "events that stood behind later ones and were put in order";
+const DISORDER: &str = "events that came after later ones and were sorted";
 const REPEATED: &str = "events that repeat an earlier one in every value";
 pub(super) const TWICE: &str = "messages whose id was opened before";
 pub(super) const BACKWARDS: &str = "messages with a lower id than the one before";
-const TEXTS: &str = "messages numbered in their order, since ids are texts (x keeps them)";
-const MIXED: &str = "lines whose id is no whole number, though others are";
+const TEXTS: &str = "messages numbered in their order, because their ids are texts (x keeps them)";
+const MIXED: &str = "lines whose id is not a whole number, although others are";
 const NEGATIVE: &str = "instants before 0; all were moved";
 const UNREGISTERED: &str = "events of sources that the header does not have";
 const EARLY: &str = "results before their requests";
 const SILENT: &str = "outputs of a source without a request, a result or a failure";
 const ZONES: &str = "events that lie hours, or half hours, from their message's open";
-const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
+const UNORDERED: &str =
+    "places where the log seems to restart, treated as one run because of --sort";
 const GAPS: &str = "instants more than a day after the one before";
 
 /// The events of a log in the order of the file.
@@ -41,10 +42,10 @@ const GAPS: &str = "instants more than a day after the one before";
 pub(super) struct Log {
     pub(super) entries: Vec<Entry>,
     pub(super) rows: u64,
-    /// What was read, in words.
+    /// Describes what was read.
     pub(super) files: Vec<String>,
     pub(super) kind: LogKind,
-    /// Whether messages have ids of their own, and are not counted.
+    /// `true` if messages have ids of their own, and are not counted.
     pub(super) has_ids: bool,
 }
 
@@ -58,7 +59,7 @@ pub(super) enum LogKind {
     Spans,
 }
 
-/// What the user says of the order.
+/// The order as the user states it.
 #[derive(Clone, Copy, Default, Debug)]
 pub(super) struct OrderOptions {
     pub(super) is_sorted: bool,
@@ -195,7 +196,7 @@ impl Log {
             return Ok((vec![Run::new(self.entries, shift, notes)], Vec::new()));
         }
         let mut found = restarts(&self, &repeats, notes);
-        // Without numbers as ids, an order that the user denies says nothing.
+        // If the ids are not numbers and the user denies an order, nothing follows from it.
         if options.is_sorted && !options.is_split && !self.has_numbers() {
             for Restart { place, message, .. } in found.drain(..) {
                 notes.add(UNORDERED, &place, || message);
@@ -226,7 +227,7 @@ impl Log {
         Ok((parts.into_iter().map(run).collect(), found))
     }
 
-    /// Whether messages have numbers as ids, whose order can be compared with that of their instants.
+    /// Returns `true` if messages have numbers as ids, whose order can be compared with that of their instants.
     fn has_numbers(&self) -> bool {
         let mut ids = self.entries.iter().filter_map(|entry| entry.t.as_ref());
         self.has_ids && ids.all(|id| matches!(id, Id::Number(_)))
@@ -271,7 +272,7 @@ impl Run {
                 let next = numbers.len() as u64;
                 numbers.entry(id.clone()).or_insert(next);
             }
-            // One text among numbers may be a slip.
+            // A single text among numbers may be a mistake.
             let is_mixed = entries.iter().any(|entry| matches!(entry.t, Some(Id::Number(_))));
             for entry in &entries {
                 if let Some(Id::Text(text)) = entry.t.as_ref().filter(|_| is_mixed) {

@@ -27,12 +27,12 @@ const COMMAS: &str = "times with a decimal comma";
 const ZONELESS: &str = "times of day without a zone, read as UTC";
 const UNTIMED: &str = "requests without a deadline, at which convert stops";
 const MINUS_ONE: &str = "instants of -1, read as before 0";
-const UNOPENED: &str = "frames that do not say when their message came";
+const UNOPENED: &str = "frames without the instant of their message";
 
-/// What the user says of a log.
+/// The user's description of a log.
 #[derive(Debug)]
 pub(super) struct Mapping<'a> {
-    /// What the file calls an event; the empty event is left out.
+    /// The file's name for an event; events with an empty meaning are skipped.
     pub(super) events: BTreeMap<&'a str, &'static str>,
     pub(super) unit: Unit,
     pub(super) units: BTreeMap<&'static str, Unit>,
@@ -47,7 +47,7 @@ pub(super) struct Mapping<'a> {
     pub(super) left_out: u64,
 }
 
-/// One way to read a row as an event: what it is, and where its values stand.
+/// One way to read a row as an event: its kind, and the places of its values.
 #[derive(Debug)]
 pub(super) struct View<'a> {
     pub(super) kind: ViewKind,
@@ -55,12 +55,12 @@ pub(super) struct View<'a> {
     pub(super) topic: Option<usize>,
     /// The event, if rows do not say so.
     pub(super) event: Option<&'static str>,
-    /// Whose it is, if rows do not say so.
+    /// The source, if rows do not name it.
     pub(super) source: Option<&'a str>,
     pub(super) named: Vec<Named<'a>>,
 }
 
-/// Who names the values of a view.
+/// The option that names the values of a view.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ViewKind {
     /// `--column`, and keys of the trace have their own names otherwise.
@@ -75,7 +75,7 @@ pub(super) enum ViewKind {
 #[derive(Clone, Debug)]
 pub(super) struct Named<'a> {
     pub(super) key: &'static str,
-    /// What the option has before `=`.
+    /// The part of the option before `=`.
     pub(super) what: Cow<'a, str>,
     pub(super) name: Cow<'a, str>,
 }
@@ -102,12 +102,12 @@ impl View<'_> {
         self.given(key).map_or(key, |named| &named.name)
     }
 
-    /// Whether a key is read.
+    /// Returns `true` if a key is read.
     fn reads(&self, key: &str) -> bool {
         self.given(key).is_some() || self.kind == ViewKind::Column && BY_DEFAULT.contains(&key)
     }
 
-    /// Whether a name of the file is read.
+    /// Returns `true` if a name of the file is read.
     pub(super) fn uses(&self, name: &str) -> bool {
         self.named.iter().any(|named| named.name == name)
             || self.reads(name) && self.given(name).is_none()
@@ -229,7 +229,7 @@ impl Mapping<'_> {
             }
             entry.t = Some(Id::Number(entry.row));
         }
-        // Whose an output is may follow from its results, unless a column of frames says so.
+        // The source of an output may follow from its results, unless a column of frames names it.
         let is_guessed = ev == "emit" && (view.kind != ViewKind::Frame || !view.reads("p"));
         if entry.p.is_none() && !is_guessed && !matches!(ev, "open" | "tick" | "miss" | "refuse") {
             return Err(Self::lacking(row, view, "p", ev));
@@ -272,7 +272,7 @@ impl Mapping<'_> {
         Problem::of_kind(lacks.unwrap_or(ProblemKind::Row), &row.place, message)
     }
 
-    /// What stands for a key in a row, or for all rows.
+    /// The value of a key in a row, or for all rows.
     fn cell<'r>(&self, row: &'r Row, view: &'r View<'_>, key: &'r str) -> Option<&'r str> {
         if !view.reads(key) {
             return None;
@@ -285,13 +285,13 @@ impl Mapping<'_> {
         }
     }
 
-    /// Whether a text stands for no value.
+    /// Returns `true` if a text stands for no value.
     fn is_missing(&self, text: &str) -> bool {
         let text = text.trim();
         text.is_empty() || self.missing.iter().any(|missing| missing.eq_ignore_ascii_case(text))
     }
 
-    /// Whether what the user named is no name but a value: a duration with its unit, or a source.
+    /// Returns `true` if what the user named is no name but a value: a duration with its unit, or a source.
     fn is_constant(&self, named: &Named<'_>) -> bool {
         let Named { key, name, .. } = named;
         let is_value = match *key {

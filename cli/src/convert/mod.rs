@@ -58,21 +58,21 @@ if --column names them. A deadline or within may be a time for all, such as dead
 p is a source's priority, or its name in the header. An instant is a number or a time of day such as
 2026-11-25T18:00:00.5Z; a duration is a number; either may have its unit, as 5ms. Ids that are texts are numbered.
 
-With --frame each row or object is a frame: open, t, within, emit, by and miss of the frame, and request, deadline,
-result, fail and of of each source, as WEST.result=COLUMN. An empty cell is an event that did not happen.
+With --frame each row or object is a frame. The frame has open, t, within, emit, by and miss. Each source has request,
+deadline, result, fail and of, as in WEST.result=COLUMN. An empty cell is an event that did not happen.
 
 A recording is MCAP, a database of rosbag2 (.db3), or a bag's folder. Its messages are JSON, CDR of ROS 2 by the
-definitions inside, or Protobuf by the descriptors inside. --topic says which topics have events, and which. Without
-at, events have their log times. A topic of JSON without --column or --event has the lines of a trace; the first may be
+definitions inside, or Protobuf by the descriptors inside. --topic names the topics and their events. Without at,
+events have their log times. A topic of JSON without --column or --event has the lines of a trace; the first may be
 the header.
 
 An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss if
 its status is an error. Each client span below it is a request to the source that it names, and a result or a failure
 at its end. A call that was cancelled or ran out of time (codes 1 and 4 of gRPC, or --cancelled) has no end. Several
-client spans of one source are attempts, also one that is linked to another. Without the attribute by, an output is of
-the result that came last.
+client spans of one source are attempts, and so is a span that is linked to another one. Without the attribute by, an
+output counts as the result that came last.
 
-What convert guesses, changes or leaves out is counted on standard error. Packed files (gzip, zstd) are unpacked, and
+convert counts on standard error whatever it guesses, changes or skips. Packed files (gzip, zstd) are unpacked, and
 text may be UTF-16. A log is held in memory until its trace is written, about 0.5 GB for each million events.
 
 The header is the trace's first line: it has the clouds and the commit rule. --write-header makes one.
@@ -94,7 +94,7 @@ Examples:
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct Args {
-    /// The file to convert, or the parts of a log in their order, or the folder of a bag; - is standard input.
+    /// The file to convert, the parts of a log in order, or the folder of a bag; - is standard input.
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// The format; by default the file's name decides.
@@ -103,20 +103,20 @@ pub(crate) struct Args {
     /// A file whose first line is the trace's header.
     #[arg(long, value_name = "FILE")]
     header: Option<PathBuf>,
-    /// Make the header instead of the trace: the sources are those in the file; what cannot be guessed is
-    /// read from standard input.
+    /// Make the header instead of the trace. It has the sources in the file, and asks on standard input for
+    /// everything that cannot be guessed.
     #[arg(long, conflicts_with_all = ["header", "sort", "split"])]
     write_header: bool,
-    /// Show what was understood of the log instead of converting it; no header is needed.
+    /// Show what convert understands of the log, and convert nothing; needs no header.
     #[arg(long, conflicts_with_all = ["write_header", "output", "split"])]
     explain: bool,
-    /// Where a key of the trace stands, such as at=stamp.
+    /// The column that has a key of the trace, such as at=stamp.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = key::column)]
     column: Vec<(&'static str, String)>,
-    /// What the file calls an event, such as response=result; heartbeat= leaves those events out.
+    /// The file's name for an event, such as response=result; heartbeat= skips these events.
     #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = key::event)]
     event: Vec<(String, &'static str)>,
-    /// Where the events of a frame stand in rows or objects that have a frame each, such as open=recv or west.result=done.
+    /// The column of an event in rows or objects that have one frame each, such as open=recv or west.result=done.
     #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = frame::frame_column,
         conflicts_with_all = ["column", "event"])]
     frame: Vec<FrameColumn>,
@@ -124,39 +124,39 @@ pub(crate) struct Args {
     /// [default: ns] [possible units: ns, us, ms, s].
     #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = key::unit)]
     unit: Vec<(Option<&'static str>, Unit)>,
-    /// What stands between the cells of a CSV file: a character, or tab.
+    /// The separator of the cells of a CSV file: a character, or tab.
     #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]
     separator: u8,
-    /// A topic of a recording, or what its messages are: open=/camera, west.result=/west/objects.
+    /// A topic of a recording, with the events that its messages are: open=/camera, west.result=/west/objects.
     #[arg(long, value_name = "[[SOURCE.]EVENT=]TOPIC", value_delimiter = ',', value_parser = topic,
         default_value = TOPIC)]
     topic: Vec<TopicChoice>,
-    /// What the log calls local, if it is neither local nor 0.
+    /// The log's name for local, if it is neither local nor 0.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     local: Vec<String>,
-    /// How long a request may take that does not say so, such as 40ms, or west=40ms for one source.
+    /// The deadline of requests that state none, such as 40ms, or west=40ms for one source.
     #[arg(long, value_name = "[SOURCE=]TIME", value_delimiter = ',', value_parser = key::deadline)]
     deadline: Vec<(Option<String>, u64)>,
-    /// Texts that stand for no value, beside empty cells and null: NaN, None, -1.
+    /// Texts that mean no value, besides empty cells and null: NaN, None, -1.
     #[arg(long, value_name = "TEXT", value_delimiter = ',', allow_hyphen_values = true)]
     missing: Vec<String>,
-    /// Leave out rows, or messages of spans, that cannot be read, and count them.
+    /// Skip rows, or messages of spans, that cannot be read, and count them.
     #[arg(long)]
     skip_bad: bool,
-    /// Leave out events that repeat an earlier one in every value, and count them.
+    /// Skip events that repeat an earlier one in every value, and count them.
     #[arg(long)]
     unique: bool,
     /// Read a file that was cut off up to its last whole row.
     #[arg(long)]
     truncated: bool,
-    /// Events stand in no order, as where several files were put together. They are put in the order of their instants, which
-    /// is otherwise noted.
+    /// Sort the events by their instants, as for a log made of several files. Without this option convert also sorts
+    /// them, and notes it.
     #[arg(long)]
     sort: bool,
-    /// Where the log restarts, begin another trace: OUTPUT-1, OUTPUT-2 and so on.
+    /// Begin another trace where the log restarts: OUTPUT-1, OUTPUT-2 and so on.
     #[arg(long)]
     split: bool,
-    /// The trace; without it, or with -, standard output.
+    /// The file for the trace; standard output without it, or for -.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -206,7 +206,7 @@ impl Args {
         Ok(files)
     }
 
-    /// Whether a recording has the lines of a trace.
+    /// Returns `true` if a recording has the lines of a trace.
     fn is_trace_in_mcap(&self, files: &[LogFile]) -> bool {
         self.column.is_empty()
             && self.event.is_empty()

@@ -21,7 +21,7 @@ use crate::convert::time::Unit;
 use crate::convert::topics::{self, Recording, ServiceRows, TopicRows, side};
 use crate::fault::Fault;
 
-const SKIPPED: &str = "rows left out, since they cannot be read";
+const SKIPPED: &str = "rows skipped, because they cannot be read";
 const UNREADABLE: &str = "rows that cannot be read, at which convert stops without --skip-bad";
 const CUT: &str = "the file is cut off; read up to its last whole row";
 
@@ -30,7 +30,7 @@ struct LogReader<'a> {
     args: &'a Args,
     mapping: Mapping<'a>,
     views: Vec<View<'a>>,
-    /// What the user named, and by which option.
+    /// The names that the user gave, with the options.
     given: (&'static str, Vec<Named<'a>>),
     topics: Vec<&'a str>,
     /// The topics that recordings have, if there is one, and those among them that have messages.

@@ -15,19 +15,19 @@ use crate::convert::time::{duration, shown};
 /// How many parents, or links of attempts, are followed.
 const DEPTH: usize = 64;
 
-const TWICE: &str = "spans exported twice; each was taken once";
+const TWICE: &str = "spans exported twice; each was used once";
 const NUMBERED: &str = "messages numbered in the order of their starts";
 const ORPHANS: &str =
-    "client spans left out, since no message is above them (its span may not be in the file)";
-const BACKWARDS: &str = "messages left out, since a span of theirs ends before it begins";
-const ENDLESS: &str = "spans that have not ended, read as still going on";
+    "client spans skipped, because no message is above them (its span may not be in the file)";
+const BACKWARDS: &str = "messages skipped, because one of their spans ends before it begins";
+const ENDLESS: &str = "spans that have not ended, read as unfinished";
 const AT_ONCE: &str = "failed client spans that ended with their message and before their deadline, read as failures of the cloud";
 
-/// What is read of spans into events.
+/// Reads events from spans.
 pub(super) struct SpanReader<'a, 'm> {
     pub(super) options: &'a SpanOptions,
     pub(super) mapping: &'a mut Mapping<'m>,
-    /// What to note of a message that cannot be read; none if that is an error.
+    /// The note about a message that cannot be read; `None` if that is an error.
     pub(super) skipped: Option<&'static str>,
     pub(super) entries: Vec<Entry>,
     pub(super) has_ids: bool,
@@ -40,7 +40,7 @@ struct SpanMessage<'s> {
     calls: Vec<SpanCall<'s>>,
 }
 
-/// What a span is to its message.
+/// The role of a span in its message.
 #[derive(Clone, Copy)]
 struct SpanCall<'s> {
     source: &'s str,
@@ -50,7 +50,7 @@ struct SpanCall<'s> {
 
 type SpansById<'s> = HashMap<&'s SpanId, &'s SpanRecord>;
 
-/// What is found above a span.
+/// The ancestor of a span.
 enum Above {
     Message(usize),
     /// The client span of a call, which it is a part of.
@@ -174,7 +174,7 @@ impl SpanReader<'_, '_> {
                 return Above::Message(*message);
             }
             let parent = here.parent.as_ref().and_then(|parent| by_id.get(parent)).copied();
-            // What a client span has below it belongs to its own call.
+            // Spans below a client span belong to its own call.
             if parent.is_some_and(|parent| self.options.role(parent) == Some(SpanRole::Request)) {
                 return Above::Call;
             }
@@ -293,7 +293,7 @@ impl SpanReader<'_, '_> {
     }
 }
 
-/// Whether a span is of an operator of fuseline.
+/// Returns `true` if a span is of an operator of fuseline.
 fn is_own(span: &SpanRecord) -> bool {
     span.row.cells.iter().any(|(key, _)| key.starts_with("fuseline."))
 }

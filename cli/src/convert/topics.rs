@@ -16,11 +16,11 @@ use crate::convert::row::{Place, Problem, ProblemKind, ReadRow, Row, Spot};
 #[derive(Clone, Debug)]
 pub(crate) struct TopicChoice {
     pub(super) name: String,
-    /// What the user wrote.
+    /// The user's text.
     pub(super) option: String,
     /// The event that each message is.
     pub(super) event: Option<&'static str>,
-    /// Whose it is.
+    /// The source.
     pub(super) source: Option<String>,
 }
 
@@ -170,7 +170,7 @@ impl ServiceRows {
         let Some(first) = self.first else { return };
         let kind = if self.has_client {
             log.entries.retain(|entry| !self.rows.contains(&entry.row));
-            "events that a service's server had, left out, since its client's are there"
+            "events of a service's server, skipped because its client's events are there"
         } else {
             "events that a service's server had, read for its client's, which were not recorded"
         };

@@ -18,21 +18,21 @@ const INPUTS: u64 = 400_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-The command is started once. Its standard input gets a trace's header, then one input a line. After each line, the
-header's too, it writes its decisions, one a line, and then {\"ev\":\"done\"}. It writes nothing else to standard
+The command is started once. Its standard input gets a trace's header, then one input a line. After each line, even
+the header, it writes its decisions, one a line, and then {\"ev\":\"done\"}. It writes nothing else to standard
 output, and flushes after each answer. A further header begins the next run in the same process. When its input
 ends it exits with code 0. SPEC.md defines each line; traces/examples has templates in Python and C++.
 
-The corpus comes first. Generated runs follow until they have 400,000 inputs in all, or differ. Options change
-how many there are: --inputs, --cases, --for. With --for a slow command is driven less, and the verdict says so.
-A difference is shown as a smallest run. The verdict says how far the runs went, and names the option that reaches
-what they did not.
+The corpus comes first. Generated runs follow until they have 400,000 inputs in all, or until the command differs.
+--inputs, --cases and --for change how many there are. With --for a slow command gets fewer runs, and the verdict
+says so. A difference is shown as the smallest run that has it. The verdict says how far the runs went. It names what
+they did not reach, with the option that reaches it.
 
 The same version, seed and number always make the same run. Their names have all three: g2-1-17 is run 17 of
 seed 1 of generator 2; g-1-17 and w-1-17 are runs of generator 1.
 
---commit and --clouds are for implementations of a part: the cases of the corpus that need more are left out, and
-the verdict says how many.
+--commit and --clouds are for partial implementations: drive skips the cases of the corpus that need more, and the
+verdict says how many.
 
 Exit code 0 if nothing differs; 1 on a difference, or if the command breaks the protocol; 2 if it cannot be
 started, ends before it answers the first header, or Ctrl-C came before a difference.
@@ -44,29 +44,29 @@ Examples:
   fuseline drive --run found/g2-1-17.jsonl -- ./my-arbiter
   fuseline drive --junit drive.xml --matrix drive.html -- ./my-arbiter")]
 pub(crate) struct Args {
-    /// How many inputs generated runs have in all; 400,000 unless this, --cases or --for says otherwise.
+    /// The number of inputs of all generated runs; 400,000 without this option, --cases and --for.
     #[arg(long, value_name = "N", conflicts_with = "cases")]
     inputs: Option<u64>,
-    /// How many generated runs follow the corpus.
+    /// The number of generated runs after the corpus.
     #[arg(long, value_name = "N")]
     pub(super) cases: Option<u64>,
-    /// How long generated runs may begin, such as 30s or 5m.
+    /// For how long generated runs are begun, such as 30s or 5m.
     #[arg(long = "for", id = "budget", value_name = "TIME", value_parser = budget)]
     budget: Option<Duration>,
-    /// Decides which runs are generated.
+    /// The seed of the generated runs.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// Which generator makes the runs. Seeds of 1 keep their runs; 2 finds more.
+    /// The generator of the runs. Seeds of 1 keep their runs; 2 finds more.
     #[arg(long, value_name = "VERSION", default_value = "2")]
     generator: GeneratorVersion,
     /// The commit rule to drive.
     #[arg(long, value_name = "RULE", default_value = "all")]
     pub(super) commit: CommitRules,
-    /// The most clouds of a run, up to 15.
+    /// The greatest number of clouds in a run, up to 15.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
     pub(super) clouds: Option<u8>,
-    /// Results say whose value they bring and for which message it is meant, by the keys of and for, and an emit must say what the
-    /// result that it sends said.
+    /// Give results the keys of and for, which name the message of a value and the one it is meant for. An emit must
+    /// repeat the keys of the result that it sends.
     #[arg(long)]
     pub(super) values: bool,
     /// Drive these instead, in this order and one process: trace files, cases of the corpus, generated runs such as
@@ -74,14 +74,14 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CASE", num_args = 1..,
           conflicts_with_all = ["inputs", "cases", "budget", "seed", "generator"])]
     pub(super) run: Vec<String>,
-    /// How long an answer may take.
+    /// The longest time that an answer may take.
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = wait, allow_hyphen_values = true)]
     pub(super) wait: Duration,
-    /// What to call the implementation; the command if not given.
+    /// The implementation's name; the command by default.
     #[arg(long)]
     pub(super) name: Option<String>,
-    /// Save the smallest run of a difference as a trace in this folder, with the runs before it that it needs. Files
-    /// that are there stay: a new one gets a number.
+    /// Save the smallest run of a difference as a trace in this folder, with the earlier runs that it needs. Existing
+    /// files stay: a new file gets a number.
     #[arg(long, value_name = "DIR")]
     pub(super) save: Option<PathBuf>,
     /// Print one JSON object instead of text.
@@ -110,7 +110,7 @@ pub(super) enum CommitRules {
 }
 
 impl Args {
-    /// What generated runs have in common.
+    /// The settings that generated runs share.
     pub(super) const fn generate(&self) -> Generate {
         let commit = match self.commit {
             CommitRules::Eager => Some(Commit::Eager),
@@ -121,7 +121,7 @@ impl Args {
         Generate { version: self.generator, seed: self.seed, commit, clouds: self.clouds }
     }
 
-    /// What limits generated runs.
+    /// The limits of generated runs.
     pub(super) fn limits(&self) -> DriveLimits {
         let is_limited = self.cases.is_some() || self.budget.is_some();
         let inputs = self.inputs.unwrap_or(if is_limited { u64::MAX } else { INPUTS });

@@ -27,9 +27,9 @@ const NAMED: usize = 5;
 const LINES: usize = 16;
 /// Lines are at most so many columns wide.
 const WIDTH: usize = 96;
-/// Where what follows a lead begins.
+/// The column after a lead.
 const INDENT: &str = "            ";
-/// What an answer is.
+/// The kind of an answer.
 const EXPECTED: &str =
     "its decisions, one a line, then {\"ev\":\"done\"}; nothing else goes to standard output";
 /// Why cases were not tried.
@@ -38,7 +38,7 @@ const GAVE_UP: &str =
 
 /// The results of driving a command.
 pub(super) struct DriveReport {
-    /// What the implementation is called.
+    /// The implementation's name.
     pub(super) name: String,
     /// The command, as a shell takes it.
     pub(super) command: String,
@@ -54,12 +54,12 @@ pub(super) struct DriveReport {
     pub(super) failed: Option<(String, CaseOutcome)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
     pub(super) findings: Vec<ReportedFinding>,
-    /// What the command did when its input ended.
+    /// The command's behaviour at the end of its input.
     pub(super) at_end: Option<ProtocolViolation>,
     pub(super) was_interrupted: bool,
-    /// Whether cases were not tried since the command did not answer by the protocol.
+    /// `true` if cases were not tried since the command did not answer by the protocol.
     pub(super) gave_up: bool,
-    /// Whether the time was over before all else.
+    /// `true` if the time was over before all else.
     pub(super) was_out_of_time: bool,
     pub(super) inputs: u64,
     pub(super) took: Duration,
@@ -67,7 +67,7 @@ pub(super) struct DriveReport {
     pub(super) extent: DrivenExtent,
 }
 
-/// What became of a case.
+/// The outcome of a case.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum CaseOutcome {
     Passes,
@@ -121,7 +121,7 @@ impl ReportedFinding {
         }
     }
 
-    /// What is wrong in its smallest run, in lines without colours.
+    /// The difference in its smallest run, in lines without colours.
     pub(super) fn text(&self) -> String {
         plain(|out| self.print_report(out))
     }
@@ -159,7 +159,7 @@ impl ReportedFinding {
         }
     }
 
-    /// What it needs to show again, if that is more than its run.
+    /// The runs that it needs to appear again, if it needs more than its own.
     fn needs(&self) -> Option<String> {
         match &self.need {
             Need::Nothing | Need::Untried => None,
@@ -202,7 +202,7 @@ impl DriveReport {
         if !self.findings.is_empty() || self.at_end.is_some() {
             Exit::Differs
         } else if self.was_interrupted {
-            // What was not driven was not judged.
+            // Only driven runs are judged.
             Exit::BadInput
         } else {
             Exit::Conforms
@@ -268,7 +268,7 @@ impl DriveReport {
         Ok(())
     }
 
-    /// What was not driven.
+    /// The part that was not driven.
     pub(super) fn not_driven(&self) -> Vec<NotDriven> {
         missing(&self.suite, self.limits, &self.extent, &self.reach)
     }
@@ -332,7 +332,7 @@ impl DriveReport {
                 (Some(_), None) => "--commit",
                 (None, _) => "--clouds",
             };
-            let _ = write!(line, "; {} left out by {options}", self.suite.left_out);
+            let _ = write!(line, "; {} skipped because of {options}", self.suite.left_out);
         }
         line
     }

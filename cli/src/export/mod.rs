@@ -27,15 +27,15 @@ use crate::progress::watched;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Perfetto: a JSON trace for ui.perfetto.dev with a track for local and for each cloud, more of the same
-name where calls overlap. A call is a slice from its admission to its end, named by its timestamp and by
-how it ended; what was forwarded or missed stands on a track of its own. Several traces are several
-processes: arrows lead a frame from operator to operator, by the origin and seq of its messages, whose
-ages also say how far the operators' clocks are apart. Outputs have their ages.
-MCAP: for Foxglove; the topic /fuseline/trace has each line as a JSON message, the header first, and
-/fuseline/outputs what was forwarded or missed. `fuseline convert` reads it back.
-OTLP: OpenTelemetry's spans as JSON, one for each message, below it one for local and one for each request,
-whose attributes `fuseline convert` reads back. Frames of one origin and seq are one trace.
+Perfetto: a JSON trace for ui.perfetto.dev with a track for local and for each cloud, or several if calls
+overlap. A call is a slice from its admission to its end, named by its timestamp and its end. Another
+track has what was forwarded or missed. Several traces become several processes: arrows lead a frame from
+operator to operator by the origin and seq of its messages. The messages' ages show how far the operators'
+clocks are apart. Outputs have their ages.
+MCAP: for Foxglove. The topic /fuseline/trace has each line as a JSON message, the header first, and
+/fuseline/outputs has what was forwarded or missed. `fuseline convert` reads it back.
+OTLP: OpenTelemetry's spans as JSON. Each message is a span, with a span below it for local and for each
+request. `fuseline convert` reads their attributes back. Frames of one origin and seq are one trace.
 
 Examples:
   fuseline export --perfetto trace.jsonl -o trace.perfetto.json
@@ -45,14 +45,14 @@ Examples:
   fuseline export --otlp trace.jsonl -o spans.json")]
 #[group(skip)]
 pub(crate) struct Args {
-    /// The traces, several for Perfetto alone; - or none is standard input.
+    /// The traces, several only for Perfetto; standard input if there are none, or for -.
     #[arg(value_name = "FILE", default_value = "-")]
     files: Vec<PathBuf>,
     #[command(flatten)]
     viewer: Viewer,
     #[command(flatten)]
     part: PartOptions,
-    /// The file to write, which appears once it is whole; - is standard output.
+    /// The file to write, which appears once it is complete; - is standard output.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
@@ -68,7 +68,7 @@ struct Viewer {
     /// For Foxglove and everything that reads MCAP.
     #[arg(long)]
     mcap: bool,
-    /// For what reads OpenTelemetry's spans, such as Jaeger.
+    /// For programs that read OpenTelemetry's spans, such as Jaeger.
     #[arg(long)]
     otlp: bool,
 }
@@ -133,11 +133,11 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     if !lost.is_empty() {
         let (name, lost) = (name(inputs[0]), lost.join(", "));
         print_line(format_args!(
-            "note: {name}: left out, since spans cannot say them: {lost}; the verdict on a trace made of these spans may be another"
+            "note: {name}: omitted, because spans cannot express them: {lost}; a trace made of these spans may get another verdict"
         ));
     }
     for name in left_out {
-        const LEFT_OUT: &str = "of, try, within, max_age and local are left out";
+        const LEFT_OUT: &str = "of, try, within, max_age and local are omitted";
         print_line(format_args!(
             "note: {name}: {LEFT_OUT}; the viewer's file has no place for them"
         ));
@@ -152,11 +152,11 @@ fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
     Ok(Events::observed(name.as_str(), trace)?)
 }
 
-/// What an export leaves out.
+/// The keys that an export omits.
 struct LeftOut {
-    /// Whether the trace has keys for which Perfetto's file has no place.
+    /// `true` if the trace has keys for which Perfetto's file has no place.
     has_keys: bool,
-    /// What the format cannot say.
+    /// The keys that the format cannot express.
     lost: Vec<String>,
 }
 

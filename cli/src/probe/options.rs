@@ -13,19 +13,19 @@ use fuseline_evaluation::duration::{SHORTEST, duration};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A request of 33.3 KB is due 30 times a second, whether or not replies of 1 KB
-have come: calls overlap. If more than 30 requests are unanswered when one is
-due, a pause begins, and it ends when none is. Skipped slots are recorded and
-not made up. The paper's drive through San Francisco did the same, and its
-figures stand beside.
+The probe sends a request of 33.3 KB 30 times a second, even if replies of 1 KB
+are outstanding, so calls overlap. If more than 30 requests are unanswered when
+one is due, the probe pauses until all are answered. It records the skipped
+slots and does not make up for them. The paper's drive through San Francisco did
+the same, and the summary shows its figures beside yours.
 
 The recording is CSV with the columns sent_ms, rtt_ms (-1: the call failed, or a
 pause began), queued and utc_ms (milliseconds since 1970). fuseline run takes it
 as it is.
 
 Ctrl-C ends the probe: it waits up to 1 s for answers, completes the recording,
-draws the plots and prints the summary. Exit code 0 when done, also after
-Ctrl-C; 2 if an option or a file is of no use, or the server does not answer.
+draws the plots and prints the summary. Exit code 0 when done, even after
+Ctrl-C; 2 if an option or a file cannot be used, or the server does not answer.
 
 Examples:
   fuseline probe --serve --listen 0.0.0.0:50051
@@ -35,28 +35,28 @@ Examples:
   fuseline probe --plot fuseline-probe.csv -o pictures
   fuseline run --drive west=fuseline-probe.csv")]
 pub(crate) struct Args {
-    /// Where `fuseline probe --serve` listens: <http://HOST:PORT>, or https.
+    /// The address at which `fuseline probe --serve` listens: <http://HOST:PORT>, or https.
     #[arg(value_name = "URL", required_unless_present_any = ["serve", "plot"],
         conflicts_with_all = ["serve", "plot"])]
     pub(crate) url: Option<String>,
-    /// Answer probes instead of sending one.
+    /// Answer probes instead of probing.
     #[arg(long)]
     pub(crate) serve: bool,
     /// The address and port to listen on; port 0 chooses one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051", requires = "serve")]
     pub(crate) listen: SocketAddr,
-    /// How long, up to a week [default: until Ctrl-C].
+    /// The duration of the probe, up to a week [default: until Ctrl-C].
     #[arg(long = "for", value_name = "TIME", value_parser = span, allow_hyphen_values = true, alias = "seconds")]
     pub(crate) span: Option<Duration>,
     /// Requests a second, 0.1 to 1000.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate,
         allow_negative_numbers = true)]
     pub(crate) rate: f64,
-    /// How long a call may take before it counts as failed: 1s to 10m.
+    /// The time after which a call counts as failed: 1s to 10m.
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = give_up,
         allow_hyphen_values = true)]
     pub(crate) give_up: Duration,
-    /// Where the recording is written, from the start on [default: fuseline-probe.csv, or fuseline-probe-2.csv and so on
+    /// The file of the recording, written from the start on [default: fuseline-probe.csv, or fuseline-probe-2.csv and so on
     /// if that exists].
     #[arg(long, value_name = "FILE")]
     pub(crate) csv: Option<PathBuf>,
@@ -69,27 +69,27 @@ pub(crate) struct Args {
     /// Measure nothing, but plot this recording.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
-    /// What the cloud would compute besides, up to 1m.
+    /// The time that a cloud would compute in addition, up to 1m.
     #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = minute,
         allow_hyphen_values = true)]
     pub(crate) runtime: Duration,
-    /// When a result would have to be there, up to 1m.
+    /// The time by which a result would have to be there, up to 1m.
     #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = minute,
         allow_hyphen_values = true)]
     pub(crate) deadline: Duration,
-    /// The certificates, PEM, one of which must have signed the server's, instead of the system's.
+    /// The CA certificates to trust instead of the system's, in PEM.
     #[arg(long, value_name = "FILE", conflicts_with = "serve")]
     pub(crate) ca: Option<PathBuf>,
-    /// This side's certificate, PEM.
+    /// This side's certificate, in PEM.
     #[arg(long, value_name = "FILE", requires = "key")]
     pub(crate) cert: Option<PathBuf>,
-    /// The certificate's private key, PEM.
+    /// The certificate's private key, in PEM.
     #[arg(long, value_name = "FILE", requires = "cert")]
     pub(crate) key: Option<PathBuf>,
-    /// With --serve, the certificates, PEM, that clients' must be signed by (mutual TLS).
+    /// With --serve, the CA certificates that must have signed clients' certificates, in PEM (mutual TLS).
     #[arg(long, value_name = "FILE", requires_all = ["serve", "cert"])]
     pub(crate) client_ca: Option<PathBuf>,
-    /// A file with the bearer token that each call bears or must bear; else the environment's
+    /// A file with the bearer token that each call has, or must have; by default the environment's
     /// `FUSELINE_TOKEN`.
     #[arg(long, value_name = "FILE")]
     pub(crate) token_file: Option<PathBuf>,
@@ -146,7 +146,7 @@ impl Args {
         reason = "positive and far below 2^53"
     )]
     pub(crate) fn slots(&self) -> Option<u64> {
-        // What is a whole number but for rounding is one.
+        // A number that is whole up to rounding counts as whole.
         self.span.map(|span| (span.as_secs_f64() * self.rate - 1e-6).ceil() as u64)
     }
 

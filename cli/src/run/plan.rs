@@ -21,22 +21,22 @@ use fuseline_evaluation::duration::{SHORTEST, duration};
 use fuseline_evaluation::link::{LinkArgs, LinkWidth, RecordedLink};
 use fuseline_evaluation::models::Model;
 
-/// What the trace is called if it has no other name.
+/// The default name of the trace.
 pub(crate) const TRACE: &str = "fuseline-trace.jsonl";
 /// How many messages a run may have; each is remembered for the policies.
 const MESSAGES: u64 = 1_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Local and the clouds are emulated: they take the runtimes that the paper measured, up to 5 % more or
-less as the seed says, and replies take the round trips of a recorded drive on top. Requests and
-replies are real gRPC on 127.0.0.1, timers and the operator run in real time. So a seed gives the
-same models and networks again, but not the same nanoseconds. The trace replays exactly.
+Local and the clouds are emulated. They take the runtimes that the paper measured, up to 5 % more or
+less by the seed, and replies take the round trips of a recorded drive in addition. Requests and replies
+are real gRPC on 127.0.0.1, and timers and the operator run in real time. So a seed repeats the models
+and the networks, but not every nanosecond. The trace replays exactly.
 
 Built-in drives: cicv5g/{arterial_n78_v80, rural_n8_v0, rural_n8_v10, strong_to_weak_n8_v30,
 urban_n78_v40, weak_to_strong_n8_v50} and vnperf/{downtown, highway}:{verizon, sprint, wifi}. Others are
-CSV files with columns sent_ms or second, and rtt_ms or NETWORK_rtt_ms; -1 is no network: what is
-sent then waits for it. A drive that is over starts again.
+CSV files with columns sent_ms or second, and rtt_ms or NETWORK_rtt_ms; -1 means no network, and
+messages then wait for it. A drive that is over starts again.
 
 Examples:
   fuseline run --for 10s --commit patient
@@ -55,14 +55,14 @@ pub(crate) struct Args {
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate,
         allow_negative_numbers = true)]
     rate: f64,
-    /// How long a cloud may take at most: whole milliseconds, 1ms to 1m.
+    /// The longest time that a cloud may take: whole milliseconds, 1ms to 1m.
     #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = deadline,
         allow_hyphen_values = true)]
     deadline: u64,
-    /// How much of that a request gets.
+    /// How each request's deadline is chosen, up to that.
     #[arg(long, value_enum, default_value = "expected")]
     policy: DeadlinePolicy,
-    /// What a millisecond of waiting costs, in points of AP, where --policy expected weighs it: 0 to 1.
+    /// The price of a millisecond of waiting, in points of AP, for --policy expected: 0 to 1.
     #[arg(long, value_name = "AP", default_value = "0.01", value_parser = price,
         allow_negative_numbers = true)]
     price_per_ms: f64,
@@ -77,25 +77,25 @@ pub(crate) struct Args {
     /// The seed of the emulated runtimes' spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The model computed locally: NAME@orin or NAME@a100; ,runtime=TIME and ,ap=AP after it replace the paper's
-    /// figures, or describe a model of one's own.
+    /// The model on board: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the paper's
+    /// figures, or to describe a model of your own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
     /// How many messages local computes at once, 1 to 1024.
     #[arg(long, value_name = "N", default_value = "4", value_parser = workers,
         allow_negative_numbers = true)]
     workers: NonZero<usize>,
-    /// How many calls to one cloud may be under way at once, 1 to 1024; more wait.
+    /// How many calls to one cloud may be under way at once, 1 to 1024; further requests wait.
     #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
         allow_negative_numbers = true)]
     calls: NonZero<usize>,
     /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, runtime, ap, drive
     /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files) for a server
-    /// elsewhere. A model that the paper has not needs its runtime; ap is its box AP, 0 to 100.
+    /// elsewhere. A model that is not in the paper needs its runtime; ap is its box AP, 0 to 100.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<CloudOptions>,
-    /// Take the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud. Paths in it count
-    /// from the current folder.
+    /// Read the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud. Paths in it are
+    /// relative to the current folder.
     #[arg(long, value_name = "FILE", conflicts_with = "clouds")]
     config: Option<PathBuf>,
     /// Another drive for a cloud; repeatable.
@@ -128,7 +128,7 @@ pub(crate) struct Args {
     pub(crate) json: bool,
 }
 
-/// How deadlines are chosen.
+/// The policy that chooses deadlines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum DeadlinePolicy {
     /// As long as is worth it, by how the last 32 calls to each cloud ended: no longer than local
@@ -149,7 +149,7 @@ enum CommitRule {
     Progressive,
 }
 
-/// What a run is to do.
+/// The plan of a run.
 pub(crate) struct RunPlan {
     pub(crate) span: Duration,
     /// Frames a second.
@@ -173,9 +173,9 @@ pub(crate) struct RunPlan {
     /// The link that all clouds share.
     pub(crate) link: LinkWidth,
     pub(crate) trace: PathBuf,
-    /// Where the trace's page is wanted.
+    /// The file of the trace's page, if one is wanted.
     pub(crate) page: Option<Output>,
-    /// Whether it is to be opened in a browser.
+    /// `true` if it is to be opened in a browser.
     pub(crate) open: bool,
 }
 
@@ -183,12 +183,12 @@ pub(crate) struct RunPlan {
 pub(crate) struct CloudPlan {
     pub(crate) name: String,
     pub(crate) priority: u16,
-    /// What it serves, as far as is known.
+    /// The model that it serves, as far as that is known.
     pub(crate) served: Served,
     pub(crate) server: CloudServer,
 }
 
-/// Who answers a cloud's requests.
+/// The answerer of a cloud's requests.
 pub(crate) enum CloudServer {
     /// This process.
     Emulated(Emulation),
@@ -232,7 +232,7 @@ impl RunPlan {
             return Err(PlanError::RequireClouds.into());
         }
         let period = Duration::from_secs_f64(args.rate.recip());
-        // What is a whole number of frames but for rounding is one.
+        // A number of frames that is whole up to rounding counts as whole.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -278,7 +278,7 @@ impl RunPlan {
         })
     }
 
-    /// Whether clouds share a link that has a rate.
+    /// Returns `true` if clouds share a link that has a rate.
     pub(crate) fn is_linked(&self) -> bool {
         let drive = self.link_drive().map(|cloud| (&cloud.drive, cloud.start));
         RecordedLink { width: self.link, drive }.is_limited()
@@ -363,7 +363,7 @@ fn span(text: &str) -> Result<Duration, String> {
     duration(text, "30s", &(SHORTEST..=Duration::from_secs(86_400)))
 }
 
-/// Whole milliseconds.
+/// Formats whole milliseconds.
 fn deadline(text: &str) -> Result<u64, String> {
     let read = duration(text, "500ms", &(Duration::from_millis(1)..=Duration::from_secs(60)))?;
     let ms = u64::try_from(read.as_millis()).unwrap_or(u64::MAX);

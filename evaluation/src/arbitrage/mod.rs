@@ -14,21 +14,21 @@ use crate::paper::{PAPER, TripQuantiles};
 use crate::plot::{PageContent, show};
 use fuseline_testkit::networks::Drive;
 
-/// What the page says first.
-const CAPTION: &str = "The same model on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is first, it \
-    could as well run a larger model.";
-/// Where the figures are from.
-const MODEL: &str = "Runtimes and quantiles of the round trip are the paper's. The shares are of ten recorded networks, whose \
-    messages were small.";
+/// The caption of the page.
+const CAPTION: &str = "The same model runs on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is \
+    first, it could even run a larger model.";
+/// The source of the figures.
+const MODEL: &str = "The runtimes and the quantiles of the round trip are the paper's. The shares come from ten recorded \
+    networks, whose messages were small.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 For each of the paper's models: its runtime on board, its runtime in the cloud,
-how many times faster that is, and the round trip up to which the cloud has its
-result first. The last column says for how much of the recorded networks that
-holds, each instant counting once; p50, p90 and p99 are the paper's round trips.
+how many times faster that is, and the longest round trip at which the cloud still
+has its result first. The last column is the share of the recorded networks, by
+time, for which that holds; p50, p90 and p99 are the paper's round trips.
 
-Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
+Exit code 0 when done, 2 if an option, a drive or a folder cannot be used.
 
 Examples:
   fuseline scenario arbitrage

@@ -19,23 +19,23 @@ use crate::jaywalking::planning::{PlanCallOutcome, Planning};
 use crate::options::{OutputOptions, above_0, not_below_0, speed, time};
 use crate::plot::{Folder, PageContent, show};
 
-/// What the page says first.
-const CAPTION: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
-    cloud made for this case, and that is in a cache, is there sooner. The plan came by a call aside: a gate admitted it, \
-    a deadline bounded it, and the machine does not know of it.";
-/// What is modelled.
+/// The caption of the page.
+const CAPTION: &str = "A person walks onto the road just before a car. The planner on board is slow. A plan that the cloud \
+    made for this case is ready sooner, from a cache. The plan came by a side request: a gate admitted it, a deadline \
+    bounded it, and the machine does not know of it.";
+/// The limits of the model.
 const MODEL: &str = "The car's and the person's speed, how hard the car swerves and brakes, how fast it steers, and when the \
-    call aside is made are model choices. The paper states the distance and both responses.";
+    side request is made are model choices. The paper states the distance and both responses.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 A person walks onto the road just before a car. The planner on board takes the
-first response. A plan for this case may be in a cache; then the car takes the
-last response. The cloud makes that plan, by a call aside: a gate admits it, a
-deadline bounds it, and the machine does not know of it. The cache keeps what
-the plan is for and until when it is valid. The car uses it only if both match;
-it is no output. If the plan is late, has expired, is for another case or never
-comes, the plan on board leaves exactly when it would without a cloud.
+first response. If a cache has a plan for this case, the car takes the last
+response. The cloud makes that plan for a side request: a gate admits it, a
+deadline bounds it, and the machine does not know of it. The cache stores the
+plan's case and how long it is valid. The car uses the plan only if both match.
+The plan is never an output. If it is late, has expired, is for another case or
+never comes, the plan on board leaves exactly when it would without a cloud.
 
 Figures marked † are model choices: the paper does not state them. The person
 is a disc of radius 0.3 m, starts 1.75 m right of the middle of the car's lane,
@@ -43,7 +43,7 @@ and walks to the left. The car that swerves is CommonRoad's single track with
 the figures of its vehicle 2, at constant speed. With --steering-rate 100000 its
 wheels turn at once.
 
-Exit code 0 when done, 2 if an option or a folder is of no use.
+Exit code 0 when done, 2 if an option or a folder cannot be used.
 
 Examples:
   fuseline scenario jaywalking
@@ -51,13 +51,13 @@ Examples:
   fuseline scenario jaywalking --hypothesis car-pulls-out=0.2,person-enters=0.01 --plans-at-once 2
   fuseline scenario jaywalking -o pictures")]
 pub(crate) struct Args {
-    /// From the car's front to the person's line as the person enters the road, in m.
+    /// The distance from the car's front to the person's line when the person enters the road, in m.
     #[arg(long, value_name = "M", default_value = "10", value_parser = above_0)]
     distance: f64,
     /// How fast the person walks to the left, in m/s †.
     #[arg(long, value_name = "V", default_value = "1.5", value_parser = not_below_0)]
     person_speed: f64,
-    /// How hard the car swerves to the left at most, in m/s² †.
+    /// The greatest acceleration of the car to the left, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7", value_parser = above_0)]
     lateral: f64,
     /// How fast the wheels turn until it swerves so hard, in rad/s †.
@@ -99,9 +99,9 @@ pub(crate) struct Greatest {
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub(crate) struct JaywalkingRun {
     speed: f64,
-    /// What became of the call for a contingency plan.
+    /// The outcome of the call for a contingency plan.
     cloud: PlanCallOutcome,
-    /// Whether the cached plan was used.
+    /// `true` if the cached plan was used.
     cached: bool,
     /// From the person's step onto the road until the planner sent the plan for it, in s.
     response: f64,

@@ -33,31 +33,31 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// More traces than this are not meant.
 const TRACES: usize = 10_000;
 
-/// What the page says first.
+/// The caption of the page.
 const CAPTION: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
     response is its runtime plus the round trip that the drive had when the frame was captured. The policies differ in \
-    whose result they wait for, and how long.";
-/// What is modelled.
+    the source that they wait for, and in how long they wait.";
+/// The limits of the model.
 const MODEL: &str = "The round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration \
     and the delay of the brakes are model choices. expected looks at the calls of the 30 s before.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 The vehicle of the traffic jam meets its obstacle at moments all over recorded
-drives. Built in are ten networks: all that are recorded except a wifi that was
-hardly ever there. The policies say who answers: local alone, the cloud alone,
+drives. Ten networks are built in: all recorded ones except a wifi that was hardly
+ever available. A policy decides who answers: local alone, the cloud alone,
 whichever is first, or both with a deadline. The deadline is a constant, the
-guard's, or the one that is expected to cost least, by the calls of the 30 s
-before.
+guard's, or the deadline with the least expected cost, judged by the calls of the
+last 30 s.
 
-With --uplink or --downlink frames take their time on a link: each waits for those
-before it, also for those of the 30 s before the start. All frames are sent; a
+With --uplink or --downlink frames take time on a link: each waits for the frames
+before it, even for those of the 30 s before the start. All frames are sent. A
 request that finds no room in the queue is never answered.
 
 Figures marked † are model choices. In JSON, energy is the mean square of the
 speed at impact, in m²/s²; a start without a collision counts as 0.
 
-Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
+Exit code 0 when done, 2 if an option, a drive or a folder cannot be used.
 
 Examples:
   fuseline scenario networks
@@ -91,7 +91,7 @@ pub(crate) struct Args {
     leave: OutputOptions,
 }
 
-/// What a drive, a speed and a policy come to.
+/// The results of a drive, a speed and a policy.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct DriveRow {
     drive: String,
@@ -115,7 +115,7 @@ struct DriveStart<'a> {
     observed: Vec<Observation>,
 }
 
-/// What all runs share.
+/// The settings that all runs share.
 struct Setting<'a> {
     args: &'a Args,
     vehicle: Vehicle,
@@ -247,7 +247,7 @@ impl Setting<'_> {
         DriveStart { drive, linked, start_index, at, phase, observed }
     }
 
-    /// What a link that has a rate makes of the frames around this start.
+    /// Returns the responses of the frames around this start over a link with a rate.
     fn linked(&self, drive: &Drive, at: Duration) -> Option<LinkedResponses> {
         let origin = before(drive, at, OBSERVED);
         let width = self.args.link.width();

@@ -17,11 +17,11 @@ use crate::plot::{Folder, PageContent, show};
 use crate::red_light::crossing::{Crossing, Ego, WarningSource};
 pub(crate) use crate::red_light::geometry::{CrossingGeometry, Variant};
 
-/// What the page says first.
+/// The caption of the page.
 const CAPTION: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
     neither on board nor in the cloud. If both cars send their locations to a service in the cloud, ego knows of the \
     other car before it can see it, and brakes.";
-/// What is modelled.
+/// The limits of the model.
 const MODEL: &str = "Intersections, speeds and occluders are model choices, and so is the rule by which ego brakes for a \
     neighbour. The paper drove three intersections in CARLA and does not state them.";
 
@@ -38,14 +38,14 @@ Figures marked † are model choices, and so are the intersections: the paper do
 not state its own. In JSON, brakes_before is how long before 6 s the brakes
 bite, in s; null if they never do.
 
-Exit code 0 when done, 2 if an option or a folder is of no use.
+Exit code 0 when done, 2 if an option or a folder cannot be used.
 
 Examples:
   fuseline scenario red-light
   fuseline scenario red-light --variant skewed --no-occluder
   fuseline scenario red-light --delta 0s --round-trip 68ms,500ms --json")]
 pub(crate) struct Args {
-    /// Which intersections †.
+    /// The intersections †.
     #[arg(
         long,
         value_name = "WHICH,…",
@@ -59,7 +59,7 @@ pub(crate) struct Args {
     /// The speed of the car that runs the light, in m/s † [default: 14].
     #[arg(long, value_name = "V", value_parser = speed)]
     runner_speed: Option<f64>,
-    /// How much later than ego the other car is at its place; below 0 is earlier.
+    /// How much later than ego the other car reaches its place; below 0 it is earlier.
     #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-200ms,-100ms,0s,100ms,200ms", value_parser = signed_time)]
     delta: Vec<f64>,
     /// Round trips between ego and the cloud.

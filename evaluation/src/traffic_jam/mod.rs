@@ -20,11 +20,11 @@ use crate::plot::{PageContent, show};
 use crate::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
 use crate::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
 
-/// What the page says first.
+/// The caption of the page.
 const CAPTION: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
-    frames report it. Local sees less far than the cloud, and the cloud's results come when the network lets them. The \
-    shipped machine decided every output, in virtual time; every ending follows from the outputs and the stated physics.";
-/// What is modelled.
+    frames report it. Local sees less far than the cloud, and the network delays the cloud's results. The \
+    shipped machine decided every output, in virtual time. Every ending follows from the outputs and the stated physics.";
+/// The limits of the model.
 const MODEL: &str = "Ranges, deceleration and the delay of the brakes are model choices: the paper drove in CARLA and \
     does not state them.";
 
@@ -34,14 +34,14 @@ A vehicle approaches a standing motorcycle at constant speed, in virtual time.
 Each frame of its camera is a message of an operator, and the shipped machine
 makes every decision. The vehicle brakes once the outputs of three consecutive
 frames report the obstacle (--frames). The obstacle stands at 8 places between
-two frames, with --local-serial at 40. A cell avoids or collides if it does so
+two frames, or at 40 with --local-serial. A cell avoids or collides if it does so
 at all places; otherwise it is mixed.
 
 Figures marked † are model choices: the paper drove in CARLA and does not state
 them. Metres and seconds. A response counts from a frame's capture: it contains
 the runtime and the round trip.
 
-Exit code 0 when done, 2 if an option or a folder is of no use.
+Exit code 0 when done, 2 if an option or a folder cannot be used.
 
 Examples:
   fuseline scenario traffic-jam
@@ -55,7 +55,7 @@ pub(crate) struct Args {
     /// Responses of the cloud, from a frame's capture to its result.
     #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', default_value = "500ms,750ms,1s,1.25s,1.5s,3s", value_parser = time)]
     response: Vec<f64>,
-    /// Who answers.
+    /// The answering source.
     #[arg(
         long,
         value_name = "WHO,WHO,…",
@@ -142,7 +142,7 @@ pub(crate) struct TrafficJamResult {
     beside: Option<ExtraResults>,
 }
 
-/// What is found beside the cells.
+/// The findings besides the cells.
 #[derive(Clone, Serialize)]
 struct ExtraResults {
     /// None: the paper's table is not reproduced.
@@ -153,7 +153,7 @@ struct ExtraResults {
 }
 
 impl TrafficJamResult {
-    /// Whether a cell of ours collides, and faster than local alone, which collides too.
+    /// Returns `true` if a cell of ours collides, and faster than local alone, which collides too.
     fn is_harder(&self, cell: &Cell) -> bool {
         let is_local = |other: &&Cell| {
             (other.approach, other.speed, other.response)
