@@ -35,7 +35,7 @@ fn a_tolerance_that_swallows_deadlines_is_in_doubt() {
 fn strictly_an_observed_trace_has_a_remedy() {
     let judged = run(&["check"], RECORDED);
     assert_eq!(judged.status.code(), Some(1));
-    assert!(err(&judged).contains("judge that with --observed --tolerance"), "{}", err(&judged));
+    assert!(err(&judged).contains("judge it with --observed --tolerance"), "{}", err(&judged));
     let attempt = RECORDED.replace(",\"due\"", ",\"try\":1,\"due\"");
     let refused = run(&["check"], &attempt);
     assert_eq!(refused.status.code(), Some(2));
