@@ -1,6 +1,7 @@
 //! The command: seeds the faults, and prints what shows each promise.
 
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, ExitCode};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,6 +12,7 @@ use fuseline_faults::{
     Campaign, CampaignFindings, FaultsError, McdcReport, SeededFault, Table, Tier, Tree, can_share,
     expected, kinds, load_faults, load_guards, try_cases, write,
 };
+use rustix::fs::{FlockOperation, flock};
 
 /// Seeds faults in a copy of the project and says which witnesses catch them.
 #[derive(Parser)]
@@ -103,6 +105,7 @@ fn all_faults(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
 fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsError> {
     let faults = all_faults(tree)?;
     let chosen = chosen(tree, &faults, args)?;
+    let _lock = lock(target)?;
     let why = |why| FaultsError::Seed { name: args.kind.join(", "), why };
     let mut kinds = kinds(&args.kind).map_err(why)?;
     if args.kind.is_empty() && args.names.is_empty() {
@@ -232,8 +235,22 @@ fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
     Ok(held == all && all > 0)
 }
 
+/// Waits for other runs in this target folder: each builds programs of the same names from sources of its own.
+fn lock(target: &Path) -> Result<File, FaultsError> {
+    let path = target.join("faults/lock");
+    write(&path, "")?;
+    let wrong = |source| FaultsError::File { path: path.clone(), source };
+    let file = File::open(&path).map_err(wrong)?;
+    if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        eprintln!("waiting for another run in {}", target.display());
+        flock(&file, FlockOperation::LockExclusive).map_err(|error| wrong(error.into()))?;
+    }
+    Ok(file)
+}
+
 /// Whether each condition is shown or explained.
 fn mcdc(tree: &Tree, target: &Path, without: &[String]) -> Result<bool, FaultsError> {
+    let _lock = lock(target)?;
     let report = McdcReport::take(tree, target, without)?;
     write(&target.join("faults/mcdc.md"), &report.page())?;
     write(&target.join("faults/mcdc.json"), &report.json())?;

@@ -12,11 +12,11 @@ use crate::fault::SeededFault;
 use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
-/// The reason why an identifier may have fewer than two faults or kinds of witness.
+/// The reason why an identifier may have fewer than two kinds of witness, or fewer than two faults that two kinds catch.
 const GAPS: &str = "faults/gaps.toml";
 /// The witnesses that must be there.
 const WITNESSES: &str = "faults/witnesses.toml";
-/// How many faults and kinds of witness each identifier has.
+/// The number of kinds of witness that each identifier has, and of its faults that as many kinds catch.
 pub(crate) const ENOUGH: usize = 2;
 
 /// The evidence for the rules and promises, with the mistakes.
@@ -47,6 +47,8 @@ pub struct PromiseRow {
     pub witnesses: BTreeMap<&'static str, BTreeSet<String>>,
     /// The faults that violate it.
     pub faults: Vec<String>,
+    /// The number of them that two kinds of witness caught.
+    pub caught_twice: usize,
     /// `true` if all of them ran.
     pub is_whole: bool,
 }
@@ -110,16 +112,16 @@ impl Table {
                 code: code.get(id).cloned().unwrap_or_default(),
                 witnesses: shown.get(id).cloned().unwrap_or_default(),
                 faults: of_it().map(|fault| fault.name.clone()).collect(),
+                caught_twice: of_it().filter(|fault| fault.kinds() >= ENOUGH).count(),
                 is_whole: of_it().all(|fault| !fault.caught_by.is_empty()),
             });
         }
         let ran = || fault_rows.iter().filter(|fault| !fault.caught_by.is_empty());
-        let count = |fault: &FaultRow| fault.caught_by.values().filter(|by| !by.is_empty()).count();
         wrong.extend(
-            ran().filter(|it| count(it) == 0).map(|it| format!("nothing catches {}", it.name)),
+            ran().filter(|it| it.kinds() == 0).map(|it| format!("nothing catches {}", it.name)),
         );
         // A guard has one case, and so one kind.
-        let single = ran().filter(|it| count(it) == 1 && !it.breaks.is_empty());
+        let single = ran().filter(|it| it.kinds() == 1 && !it.breaks.is_empty());
         let single = single.map(|it| it.name.clone()).collect();
         let gaps = gaps(tree, &rows, &mut wrong)?;
         wrong.extend(missing(tree, &rows)?);
@@ -232,6 +234,11 @@ impl FaultRow {
             own_build: caught.own_build,
         }
     }
+
+    /// Returns the number of kinds that caught it.
+    fn kinds(&self) -> usize {
+        self.caught_by.values().filter(|by| !by.is_empty()).count()
+    }
 }
 
 /// The first of some witnesses, and how many more there are.
@@ -293,12 +300,13 @@ fn gaps(
     let mut gaps = BTreeMap::new();
     // An ambiguity is a reading of a rule and needs nothing of its own.
     for row in rows.iter().filter(|row| !row.id.starts_with('A')) {
-        let (faults, kinds) = (row.faults.len(), row.witnesses.len());
-        let is_short = row.is_whole && (faults < ENOUGH || kinds < ENOUGH);
+        let (twice, kinds) = (row.caught_twice, row.witnesses.len());
+        let is_short = row.is_whole && (twice < ENOUGH || kinds < ENOUGH);
         match reasons.remove(&row.id) {
             None if is_short => wrong.push(format!(
-                "{} has {faults} faults and {kinds} kinds of witness, and no reason in {GAPS}",
-                row.id
+                "{} has {kinds} kinds of witness, and two kinds catch {twice} of its {} faults; {GAPS} has no reason",
+                row.id,
+                row.faults.len()
             )),
             Some(because) if is_short || !row.is_whole => {
                 drop(gaps.insert(row.id.clone(), because));
@@ -356,4 +364,36 @@ fn missing(tree: &Tree, rows: &[PromiseRow]) -> Result<Vec<String>, FaultsError>
 fn unknown(place: &str, cited: &BTreeSet<String>, known: &BTreeSet<&str>) -> Vec<String> {
     let unknown = cited.iter().filter(|id| !known.contains(id.as_str()));
     unknown.map(|id| format!("{place} cites {id}, which SPEC.md does not define")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_kinds_must_catch_two_faults() -> Result<(), FaultsError> {
+        let tree = Tree::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..").into());
+        let row = |id: &str, caught_twice, faults: &[&str]| PromiseRow {
+            id: id.into(),
+            title: String::new(),
+            code: Vec::new(),
+            witnesses: ["model", "harness"].map(|kind| (kind, BTreeSet::new())).into(),
+            faults: faults.iter().map(|&name| name.into()).collect(),
+            caught_twice,
+            is_whole: true,
+        };
+        let wrong = |caught_twice| {
+            let mut wrong = Vec::new();
+            gaps(&tree, &[row("P2", caught_twice, &["a", "b"]), row("T4", 0, &[])], &mut wrong)?;
+            Ok(wrong)
+        };
+        assert_eq!(wrong(2)?, [""; 0]);
+        assert_eq!(
+            wrong(1)?,
+            [
+                "P2 has 2 kinds of witness, and two kinds catch 1 of its 2 faults; faults/gaps.toml has no reason"
+            ]
+        );
+        Ok(())
+    }
 }
