@@ -279,6 +279,33 @@ fn action_of_a_later_tick_breaks_d18() {
     assert_eq!(violation.expected, "a value that is meant for timestamp 5");
 }
 
+/// An emit names the message of the result that was held, and not that of a later result that was dropped (D2, A46).
+#[test]
+fn d2_emit_has_the_value_that_was_held() {
+    for (of, rules) in [(4, vec![]), (3, vec![Rule::D2])] {
+        let trace = [
+            r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":3},{"p":2,"limit":9}]}"#,
+            r#"{"ev":"open","at":0,"t":5}"#,
+            r#"{"ev":"offer","at":0,"t":5,"p":2,"deadline":90,"backlog":0}"#,
+            r#"{"ev":"request","at":0,"t":5,"p":2,"due":90}"#,
+            r#"{"ev":"offer","at":0,"t":5,"p":1,"deadline":50,"backlog":0}"#,
+            r#"{"ev":"request","at":0,"t":5,"p":1,"due":50}"#,
+            r#"{"ev":"result","at":5,"t":5,"p":1,"of":4}"#,
+            r#"{"ev":"hold","at":5,"t":5,"p":1}"#,
+            r#"{"ev":"result","at":6,"t":5,"p":1,"of":3}"#,
+            r#"{"ev":"drop","at":6,"t":5,"p":1,"why":"duplicate"}"#,
+            r#"{"ev":"tick","at":50}"#,
+            r#"{"ev":"timer","at":50,"t":5,"p":1}"#,
+            &format!(r#"{{"ev":"emit","at":50,"t":5,"p":1,"of":{of}}}"#),
+            r#"{"ev":"cancel","at":50,"t":5,"p":2}"#,
+            "",
+        ];
+        let verdict = judge("a.jsonl", trace.join("\n").as_bytes()).unwrap();
+        let found: Vec<Rule> = verdict.violations.iter().map(|it| it.rule).collect();
+        assert_eq!(found, rules, "{verdict}");
+    }
+}
+
 /// A message with its own deadline is reported with its delay and the instant by which it was due.
 #[test]
 fn j2_says_by_how_much_an_output_is_late() {

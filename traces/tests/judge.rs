@@ -230,6 +230,17 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     ));
 }
 
+/// Local may still be computing for a message of which nothing came, so it breaks nothing (A44, P7).
+#[test]
+fn a44_message_without_a_result_is_unfinished() {
+    let mut judge = Judge::new("a.jsonl", &header());
+    judge.line(2, &Event::Input(Input::Open { at: 0, t: 1, deadline: None }));
+    let verdict = judge.finish_ended();
+    assert_eq!(verdict.violations, []);
+    let counts: Vec<_> = verdict.doubts.iter().map(|it| (it.kind, it.count)).collect();
+    assert!(counts.contains(&(DoubtKind::Unfinished, 1)), "{counts:?}");
+}
+
 /// A judge's memory is bounded, whatever the trace's length.
 #[test]
 fn a_story_looks_so_many_lines_back_and_no_further() {
