@@ -2,6 +2,7 @@
 #![cfg(feature = "grpc")]
 
 use std::future::{self, ready};
+use std::io;
 use std::net::SocketAddr;
 use std::time::Duration;
 
@@ -61,4 +62,21 @@ async fn who_says_nothing_over_tls_is_closed_when_its_greeting_is_over() {
         }
     }
     assert_eq!(begin.elapsed().as_secs(), greeting.as_secs());
+}
+
+/// D8: a host that has no descriptor for one connection takes the next one.
+#[tokio::test(start_paused = true)]
+async fn server_goes_on_after_a_failed_accept() {
+    let (mut visitor, socket) = tokio::io::duplex(1024);
+    let no_descriptor = io::Error::from_raw_os_error(24);
+    let arrivals = [Err(no_descriptor), Ok((socket, SocketAddr::from(([10, 0, 0, 1], 1))))];
+    let incoming = stream::iter(arrivals).chain(stream::pending());
+    let infer = |_: Request| ready(Ok(Reply::default()));
+    let serving = serve_with_incoming(infer, Server::default(), incoming, future::pending());
+    // A visitor that says nothing is let in, and closed when its greeting is over.
+    let mut read = Vec::new();
+    tokio::select! {
+        ended = serving => panic!("{ended:?}"),
+        closed = visitor.read_to_end(&mut read) => drop(closed.unwrap()),
+    }
 }

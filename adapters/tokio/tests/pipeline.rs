@@ -8,7 +8,7 @@ use fuseline_tokio::{
     CarriedState, Config, Ending, Item, Items, Join, JoinCause, JoinConfig, JoinDropReason, Joined,
     Latency, Lineage, Local, Operator, Origin, OutOfOrder, Overflow, Setup, spawn, stream,
 };
-use tokio::time::{Instant, advance, sleep};
+use tokio::time::{Instant, advance, sleep, timeout};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -378,6 +378,26 @@ async fn the_sets_that_a_join_gives_at_its_end_reach_a_reader_that_lags() {
     let read: Vec<u64> = all(sets).await.iter().map(|set| set.key).collect();
     assert_eq!(read, [0, 1, 2, 3]);
     assert_eq!(running.join().await.given.into_values().sum::<u64>(), 4);
+}
+
+/// E8: the oldest set makes room for one more.
+#[tokio::test(start_paused = true)]
+async fn full_join_gives_its_oldest_set() {
+    let (mut left, frames) = stream(9);
+    let (_right, others) = stream(9);
+    let config = JoinConfig { window: 3, wait: 3_600_000 * MS, ..JoinConfig::default() };
+    let mut join = Join::<Scene>::new(config);
+    join.aligned("left", frames, |scene: &mut Scene, frame, _| scene.left = Some(*frame)).aligned(
+        "right",
+        others,
+        |scene, frame, _| scene.right = Some(*frame),
+    );
+    let (_running, mut sets) = join.spawn().unwrap();
+    for seq in 0..4 {
+        left.write_with(seq, Lineage::new("camera", seq, Instant::now())).unwrap();
+    }
+    let set = timeout(MS, sets.read()).await.expect("four sets wait").unwrap();
+    assert_eq!((set.key, set.cause), (0, JoinCause::Full));
 }
 
 /// E9.

@@ -91,6 +91,7 @@ impl MemoryServer {
     /// Until whoever comes is let in at once.
     pub(crate) async fn accepts(&self) {
         while self.failures.load(Ordering::Relaxed) > 0 {
+            assert!(!self.task.is_finished(), "the server ended");
             sleep(Duration::from_millis(10)).await;
         }
     }
