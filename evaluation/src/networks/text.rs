@@ -102,7 +102,7 @@ fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
         .collect();
     writeln!(
         text,
-        "\nThese numbers of the {} pairs of drive and speed collide more often than local alone:\n\
+        "\nPairs of drive and speed, out of {}, that collide more often than local alone:\n\
          {}.\n\
          The paper has no such table: its responses are constant, up to 3 s.",
         drives * result.speeds.len(),
