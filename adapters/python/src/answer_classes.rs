@@ -1,8 +1,8 @@
 //! The machine's answers as objects of the package's own classes, which are plain Python (`_validation.py`).
 
-use fuseline_engine::arbiter::{drop_reason, offer_refusal, open_refusal};
 use fuseline_core as core;
 use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};
+use fuseline_engine::arbiter::{drop_reason, offer_refusal, open_refusal};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;

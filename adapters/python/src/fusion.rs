@@ -1,7 +1,7 @@
 //! The machine.
 
-use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_core::{Deadline, Firing, OfferRefusal, Priority, Timestamp};
+use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};
 use pyo3::exceptions::PyTypeError;

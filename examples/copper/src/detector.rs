@@ -7,8 +7,8 @@ use std::time::Duration;
 use std::{env, thread};
 
 use cu29::prelude::*;
-use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_core::{self as core, Admission, Firing, Held, Opening, Outcome, Priority, Timestamp};
+use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input, Recorder, Recording};
 
 const LOCAL: u64 = 0;
