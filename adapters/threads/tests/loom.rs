@@ -9,8 +9,8 @@ use std::sync::atomic::AtomicBool as Flag;
 use std::sync::{Arc, Mutex};
 
 use common::{
-    CallAnswer, CallHistory, CallInput, CallOrder, Sequential, ThreadHandle, Timed, fail, limited,
-    next_due, offer, open, queued, result, tick,
+    CallAnswer, CallHistory, CallInput, CallOrder, Sequential, ThreadHandle, Timed, open, result,
+    tick,
 };
 use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
@@ -19,6 +19,31 @@ use fuseline_threads::Shared;
 use loom::model::Builder;
 use loom::sync::atomic::{AtomicU64, Ordering};
 use loom::thread;
+
+/// Returns an open with a deadline.
+const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
+    (now, CallInput::Open { t, deadline: Some(deadline) })
+}
+
+/// Returns an offer with an empty queue.
+const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
+    (now, CallInput::Offer { t, p, deadline, backlog: 0 })
+}
+
+/// Returns an offer with a queue.
+const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
+    (now, CallInput::Offer { t, p, deadline, backlog })
+}
+
+/// Returns a failure.
+const fn fail(now: u64, t: u64, p: u8) -> Timed {
+    (now, CallInput::Fail { t, p })
+}
+
+/// Returns the query for the next due instant.
+const fn next_due(t: u64) -> Timed {
+    (0, CallInput::NextDue { t })
+}
 
 /// The calls of threads: first the owner alone, then all at once, with the owner first among them, then the
 /// owner alone.

@@ -42,6 +42,7 @@ pub(crate) struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
 impl CallHistory {
     /// Creates a history of these calls.
     #[must_use]
+    #[cfg(not(loom))]
     pub(crate) const fn of(calls: Vec<TimedCall>) -> Self {
         Self { clock: AtomicU64::new(0), calls: Mutex::new(calls) }
     }

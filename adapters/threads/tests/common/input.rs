@@ -138,46 +138,16 @@ pub(crate) const fn open(now: u64, t: u64) -> Timed {
     (now, CallInput::Open { t, deadline: None })
 }
 
-/// Returns an open with a deadline.
-#[must_use]
-pub(crate) const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
-    (now, CallInput::Open { t, deadline: Some(deadline) })
-}
-
-/// Returns an offer with an empty queue.
-#[must_use]
-pub(crate) const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
-    (now, CallInput::Offer { t, p, deadline, backlog: 0 })
-}
-
-/// Returns an offer with a queue.
-#[must_use]
-pub(crate) const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
-    (now, CallInput::Offer { t, p, deadline, backlog })
-}
-
 /// Returns a result.
 #[must_use]
 pub(crate) const fn result(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Result { t, p })
 }
 
-/// Returns a failure.
-#[must_use]
-pub(crate) const fn fail(now: u64, t: u64, p: u8) -> Timed {
-    (now, CallInput::Fail { t, p })
-}
-
 /// Returns a tick.
 #[must_use]
 pub(crate) const fn tick(now: u64, t: u64) -> Timed {
     (now, CallInput::Tick { t })
-}
-
-/// Returns the query for the next due instant.
-#[must_use]
-pub(crate) const fn next_due(t: u64) -> Timed {
-    (0, CallInput::NextDue { t })
 }
 
 fn decision<const C: usize>(outcome: Outcome<C>) -> Decision {
