@@ -1,7 +1,7 @@
 //! The command: seeds the faults, and prints what shows each promise.
 
 use std::collections::BTreeSet;
-use std::fs::File;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, ExitCode};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -105,7 +105,7 @@ fn all_faults(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
 fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsError> {
     let faults = all_faults(tree)?;
     let chosen = chosen(tree, &faults, args)?;
-    let _lock = lock(target)?;
+    let _lock = lock(target, "faults/tree")?;
     let why = |why| FaultsError::Seed { name: args.kind.join(", "), why };
     let mut kinds = kinds(&args.kind).map_err(why)?;
     if args.kind.is_empty() && args.names.is_empty() {
@@ -235,22 +235,30 @@ fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
     Ok(held == all && all > 0)
 }
 
-/// Waits for other runs in this target folder: each builds programs of the same names from sources of its own.
-fn lock(target: &Path) -> Result<File, FaultsError> {
-    let path = target.join("faults/lock");
-    write(&path, "")?;
+/// Waits for other runs in this target folder. If the last one had another copy of the sources, this copy is made from
+/// scratch: cargo compares times, so it would take the programs of the other copy for those of this one.
+fn lock(target: &Path, copy: &str) -> Result<File, FaultsError> {
+    let (path, copied) = (target.join("faults/lock"), target.join(copy));
     let wrong = |source| FaultsError::File { path: path.clone(), source };
-    let file = File::open(&path).map_err(wrong)?;
+    fs::create_dir_all(target.join("faults")).map_err(wrong)?;
+    let file = File::options().create(true).append(true).open(&path).map_err(wrong)?;
     if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
         eprintln!("waiting for another run in {}", target.display());
         flock(&file, FlockOperation::LockExclusive).map_err(|error| wrong(error.into()))?;
+    }
+    if fs::read_to_string(&path).map_err(wrong)? != copy {
+        if copied.exists() {
+            fs::remove_dir_all(&copied)
+                .map_err(|source| FaultsError::File { path: copied, source })?;
+        }
+        write(&path, copy)?;
     }
     Ok(file)
 }
 
 /// Whether each condition is shown or explained.
 fn mcdc(tree: &Tree, target: &Path, without: &[String]) -> Result<bool, FaultsError> {
-    let _lock = lock(target)?;
+    let _lock = lock(target, "mcdc/copy")?;
     let report = McdcReport::take(tree, target, without)?;
     write(&target.join("faults/mcdc.md"), &report.page())?;
     write(&target.join("faults/mcdc.json"), &report.json())?;
