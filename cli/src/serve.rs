@@ -49,7 +49,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
     /// The network to this server: a built-in drive or a CSV file (see fuseline run --help).
-    /// Without it a reply takes only the runtime.
+    /// If it is not given, a reply takes only the runtime of the model.
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
     /// The time of the drive at which it begins.

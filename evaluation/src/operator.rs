@@ -170,7 +170,7 @@ impl ScenarioOperator {
         std::mem::take(&mut self.outputs)
     }
 
-    /// Returns `true` if a message was refused, since so many were open as the window allows.
+    /// Returns `true` if a message was refused because the window was full.
     pub(crate) const fn is_full(&self) -> bool {
         self.is_full
     }

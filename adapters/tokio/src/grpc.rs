@@ -3,8 +3,8 @@
 //!
 //! A [`Remote`] names a cloud and makes a [`Connection`], which connects when it is first used and
 //! again after it was lost. Any client that `tonic` generates takes the connection, and [`unary`]
-//! turns a method of such a client into a handle. For bytes in and bytes out there is [`infer`],
-//! with [`serve`] as its other side. The protocol is `proto/fuseline.proto`.
+//! turns one method of that client into a handle. If requests and results are bytes, use [`infer`]
+//! for the client and [`serve`] for the server. The protocol is `proto/fuseline.proto`.
 //!
 //! ```no_run
 //! # use std::time::Duration;

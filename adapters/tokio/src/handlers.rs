@@ -15,8 +15,8 @@ use crate::shared::SharedState;
 /// budget.
 ///
 /// Make this the innermost handler, because a request pays its bytes even if an outer handler
-/// discards it. A gain comes from a policy that the cloud shares; a [`SharedState`] is such a
-/// policy:
+/// discards it. To gain from this handler, share a policy with the cloud, such as a
+/// [`SharedState`]:
 ///
 /// ```
 /// # use std::time::Duration;

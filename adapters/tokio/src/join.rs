@@ -167,8 +167,8 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
     }
 
     /// Adds an input whose messages are aligned by the [timestamp of their
-    /// origin](crate::Origin::seq), because sensors that are triggered together number their
-    /// messages alike. A message without that timestamp is dropped.
+    /// origin](crate::Origin::seq), because sensors that are triggered together give their
+    /// messages the same numbers. A message without that timestamp is dropped.
     ///
     /// `put` puts a message into its set, and must not block.
     pub fn aligned<T: Send + Sync + 'static>(

@@ -33,7 +33,7 @@ struct StoredMessage {
     id: i64,
     topic: i64,
     at: i64,
-    /// What it holds, unless it is longer than [`SHORT`].
+    /// The content, or `None` if it is longer than [`SHORT`].
     data: Option<Vec<u8>>,
 }
 

@@ -100,7 +100,7 @@ fn output(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
     }
 }
 
-/// Returns `true` if so many frames in a row report, those without output left out.
+/// Returns `true` if `wanted` frames in a row report. Frames without an output are ignored.
 fn decides(frames: &[Frame], wanted: u32) -> bool {
     let mut row = 0;
     frames.iter().any(|frame| {

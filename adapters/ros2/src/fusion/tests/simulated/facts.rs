@@ -37,7 +37,7 @@ pub(super) struct Facts<'a> {
     pub(super) scenario: &'a Scenario,
     pub(super) inputs: Vec<super::scenario::Input>,
     pub(super) played: &'a RunResult,
-    /// What the trace says.
+    /// The trace, replayed.
     pub(super) replay: Replay,
     /// By timestamp.
     pub(super) messages: Vec<Message<'a>>,
@@ -108,7 +108,7 @@ impl<'a> Facts<'a> {
         self.messages.iter().zip(&self.replay.opened)
     }
 
-    /// What was sent of a message, and when.
+    /// Returns the outputs of a message with their instants.
     pub(super) fn items(&self, opened: &OpenedMessage) -> impl Iterator<Item = &DecidedItem> {
         opened.items.iter().map(|index| &self.replay.items[*index])
     }
