@@ -1,5 +1,5 @@
-//! How fast implementations are driven: the core behind the protocol, and the example in Python where there is one. Each input is
-//! answered before the next is sent.
+//! Measures how fast implementations are driven: the core behind the protocol, and the example in
+//! Python if Python is installed. Each input is answered before the next is sent.
 
 use std::process::Command;
 

@@ -24,9 +24,9 @@ use crate::sink::OutputSink;
 use crate::tail::Tail;
 use crate::verdict::{self, print_violation};
 
-/// How much of a file is read at once, in bytes.
+/// The number of bytes of a file that are read at once.
 const CHUNK: usize = 64 * 1024;
-/// How many files a thread judges before their verdicts are printed.
+/// The number of files that a thread judges before their verdicts are printed.
 const AT_ONCE: usize = 4;
 
 #[derive(clap::Args)]
@@ -92,7 +92,7 @@ pub(crate) struct Args {
     follow: bool,
 }
 
-/// Why a file cannot be followed.
+/// The reason why a file cannot be followed.
 #[derive(Debug, Error)]
 enum FollowError {
     #[error("--follow watches one file; give it one that is not standard input")]

@@ -111,7 +111,7 @@ enum PolicyArgument {
     Expected,
 }
 
-/// Why there is no deadline to show.
+/// The reason why there is no deadline to show.
 #[derive(Debug, Error)]
 enum DeadlineError {
     #[error("{invalid}; change {options}")]

@@ -28,7 +28,7 @@ pub(crate) struct Emulation {
     pub(crate) seed: u64,
 }
 
-/// Why there is no such emulation.
+/// The reason why an emulation cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum EmulationError {
     #[error(transparent)]
@@ -67,7 +67,8 @@ impl Emulation {
         Self { model, drive: Drive::direct(), start: Duration::ZERO, seed }
     }
 
-    /// How long after it was sent the request for message `t` is answered; none if never.
+    /// Returns the time after which the request for message `t` is answered, or `None` if it never
+    /// is.
     ///
     /// `moment` is when it is sent, since the emulation began.
     pub(crate) fn reply_after(&self, moment: Duration, t: u64) -> Option<Duration> {
@@ -75,8 +76,8 @@ impl Emulation {
         Some(round_trip + self.model.runtime(self.seed, t))
     }
 
-    /// When requests sent every `period` for `span` are answered no sooner than `deadline`, as
-    /// spans since the emulation began.
+    /// Returns when requests that are sent every `period` for `span` are not answered before
+    /// `deadline`, as spans since the emulation began.
     pub(crate) fn outages(
         &self,
         period: Duration,

@@ -1,4 +1,4 @@
-//! How a command ends.
+//! The exit codes of commands.
 
 use std::process::ExitCode;
 
@@ -18,7 +18,7 @@ pub(crate) enum Exit {
 }
 
 impl Exit {
-    /// The one that counts of two: 2 over 1 over 3 over 0.
+    /// Returns the worse of two codes: 2 over 1 over 3 over 0.
     #[must_use]
     pub(crate) const fn or_worse(self, other: Self) -> Self {
         if self.rank() < other.rank() { other } else { self }

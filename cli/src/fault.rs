@@ -8,8 +8,8 @@ use fuseline_traces::ReadError;
 use fuseline_traces::observed::{JudgeError, TimeOrderError};
 use thiserror::Error;
 
-/// Why a command stopped. What can stop several commands stands here; what stops one alone is an
-/// error of its own module.
+/// The reason why a command stopped. Reasons of several commands are here. A reason of one command
+/// alone is an error of that command's module.
 #[derive(Debug, Error)]
 pub(crate) enum Fault {
     #[error("{name}: {}; give a file that can be read, or - for standard input", plain(.source))]
@@ -60,8 +60,8 @@ fn room(source: &io::Error) -> &'static str {
     }
 }
 
-/// What caused an error, in words: without the system's number, and without the path of a file that
-/// the user does not know.
+/// Returns the cause of an error in words, without the system's error number, and without the path
+/// of a file that the user does not know.
 pub(crate) fn plain(error: &(dyn Error + 'static)) -> String {
     let mut innermost = error;
     while let Some(source) = innermost.source() {

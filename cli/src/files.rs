@@ -15,7 +15,7 @@ use crate::fault::{Fault, plain};
 /// Certificates and tokens are far smaller, in bytes.
 const BYTES: u64 = 1 << 20;
 
-/// Why such a file is of no use.
+/// The reason why a file is of no use.
 #[derive(Debug, Error)]
 pub(crate) enum FileError {
     #[error("{path}: {}; give a file that can be read", plain(.source))]

@@ -29,9 +29,9 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, Sleep, sleep, sleep_until};
 use tracing::{debug, warn};
 
-/// How many frames of a call may be on their way; then its sender waits.
+/// At most this many frames of a call may be on their way; then its sender waits.
 const FRAMES: usize = 1024;
-/// How long no connection is accepted after the system had no room for one more.
+/// No connection is accepted for this long after the system had no room for one more.
 const BREATH: Duration = Duration::from_millis(100);
 
 /// A recorded network; its time begins with the first call.
@@ -84,7 +84,8 @@ impl RecordedNetwork {
         Self { drive, start, began: OnceLock::new() }
     }
 
-    /// How long a call that is made now takes there and back; never ready if it never is back.
+    /// Returns how long a call that is made now takes there and back. Never ready if the call never
+    /// is back.
     async fn ways(&self) -> [Duration; 2] {
         let moment = self.began.get_or_init(Instant::now).elapsed();
         match self.drive.round_trip(self.start + moment) {

@@ -42,7 +42,7 @@ fn without_marks(text: &str) -> String {
     (left + rest).replace('`', "")
 }
 
-/// With the lines of a paragraph as one. What is indented stays as it is.
+/// Joins the lines of each paragraph. Indented lines stay as they are.
 fn unwrapped(text: &str) -> String {
     let mut joined = String::new();
     let is_flush = |line: &str| !line.is_empty() && !line.starts_with(' ');

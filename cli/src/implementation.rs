@@ -12,7 +12,7 @@ use crate::fault::Fault;
 
 /// The line that ends an answer.
 const DONE: &[u8] = b"{\"ev\":\"done\"}\n";
-/// How much is read at once, in bytes.
+/// The number of bytes that are read at once.
 const CHUNK: usize = 64 * 1024;
 
 #[derive(clap::Args)]

@@ -10,7 +10,7 @@ use crate::diagnostics::print_line;
 use crate::exit::INTERRUPTED;
 use crate::output::discard;
 
-/// Whether the user wants the command to end.
+/// Records whether the user wants the command to end.
 #[derive(Clone, Default)]
 pub(crate) struct Interrupt {
     inner: Arc<InterruptState>,
@@ -27,7 +27,8 @@ static INTERRUPT: OnceLock<Interrupt> = OnceLock::new();
 impl Interrupt {
     /// From now on Ctrl-C and termination no longer end the process but set this.
     ///
-    /// Where the system refuses a handler they end it as before.
+    /// Watches for the signals. If the system refuses a handler, the signals end the command as
+    /// before.
     pub(crate) fn watch() -> Self {
         INTERRUPT
             .get_or_init(|| {

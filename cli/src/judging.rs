@@ -17,7 +17,7 @@ use crate::fault::Fault;
 use crate::judging_notes::JudgingNotes;
 use crate::part::PartOptions;
 
-/// How the end of a trace is judged.
+/// States how the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TraceEnd {
     /// Whatever has not come by then is missing.
@@ -68,7 +68,7 @@ pub(crate) struct JudgeOptions {
     part: PartOptions,
 }
 
-/// Which doubts are taken as they are.
+/// The doubts that the user accepts.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct AcceptOption {
     /// Accept these kinds of doubt, such as silent. A trace in which nothing else is in doubt conforms.
@@ -145,7 +145,7 @@ pub(crate) fn next_event<R: BufRead>(
     }
 }
 
-/// Why a trace cannot be read, with the option that would help.
+/// Returns why a trace cannot be read, with the option that would help.
 fn unread(error: ReadError) -> Fault {
     if error.to_string().ends_with("judged as observed") {
         return Fault::own(ObservedTrace(error));
@@ -281,7 +281,7 @@ struct Tolerance {
 )]
 struct RequireJudgedError;
 
-/// Why tolerances do not fit together, or not to the trace.
+/// The reason why tolerances do not fit together, or do not fit the trace.
 #[derive(Debug, Error)]
 enum ToleranceError {
     #[error(

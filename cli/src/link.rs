@@ -69,7 +69,8 @@ impl EmulatedLink {
 }
 
 impl EmulatedLinkState {
-    /// How long a message takes that is given to a queue now; none if it finds no room.
+    /// Returns how long a message takes that is given to the queue now, or `None` if it finds no
+    /// room.
     fn send(&self, direction: LinkDirection, bytes: u64) -> Option<Duration> {
         let drive = self.drive.as_ref().map(|(drive, start)| (drive, *start));
         let link = RecordedLink { width: self.width, drive };

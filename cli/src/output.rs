@@ -45,7 +45,7 @@ pub(crate) struct Overwrite {
     pub(crate) force: bool,
 }
 
-/// Why a path cannot be written.
+/// The reason why a path cannot be written.
 #[derive(Debug, Error)]
 enum OutputError {
     #[error("{0}: a directory; name a file in it")]

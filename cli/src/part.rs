@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use crate::fault::Fault;
 
-/// Which messages of a trace are meant; all of it is read.
+/// Selects messages of a trace. All of the trace is read.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct PartOptions {
     /// Only messages that begin at this time after the trace's first instant, such as 90s, or later.

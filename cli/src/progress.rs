@@ -23,7 +23,8 @@ pub(crate) fn bar(bars: &MultiProgress, path: &Path, name: &str) -> ProgressBar 
     bars.add(ProgressBar::new(len).with_style(style).with_prefix(name.to_owned()))
 }
 
-/// The same for a file that is read alone, around what reads it. The bar goes away with the reader.
+/// Shows progress for a file that is read alone, around its reader. The bar goes away with the
+/// reader.
 pub(crate) fn watched<R: Read>(path: &Path, name: &str, file: R) -> ProgressBarIter<R> {
     let bar = bar(&MultiProgress::new(), path, name);
     bar.with_finish(indicatif::ProgressFinish::AndClear).wrap_read(file)

@@ -13,7 +13,7 @@ use crate::fault::Fault;
 use crate::input::open;
 use crate::output::refuse_onto_stdout;
 
-/// How much of the input is read at once, in bytes.
+/// The number of bytes of the input that are read at once.
 const CHUNK: usize = 64 * 1024;
 
 #[derive(clap::Args)]

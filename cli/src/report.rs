@@ -64,10 +64,10 @@ pub(crate) struct Args {
     options: JudgeOptions,
 }
 
-/// How often traces are looked at.
+/// Traces are looked at this often.
 const WATCH: Duration = Duration::from_millis(500);
 
-/// Why pages cannot be made again and again.
+/// `--watch` was used without names of files.
 #[derive(Debug, Error)]
 #[error("--watch reads traces again and writes the page again; name files for both")]
 struct WatchError;

@@ -78,7 +78,7 @@ fn start(text: &str) -> Result<Duration, String> {
     duration(text, "62s", &ANY)
 }
 
-/// Why nothing can be served.
+/// The reason why nothing can be served.
 #[derive(Debug, Error)]
 enum CannotServe {
     #[error("--listen {address}: {}; choose an address of this host and a free port", plain(.source))]

@@ -9,9 +9,9 @@ use fuseline_traces::LINE;
 
 use crate::interrupt::Interrupt;
 
-/// How often a file that did not grow is looked at again.
+/// A file that did not grow is looked at again after this time.
 const PAUSE: Duration = Duration::from_millis(100);
-/// How much is read at once, in bytes.
+/// The number of bytes that are read at once.
 const CHUNK: usize = 64 * 1024;
 
 /// Reads a file as it grows; its end comes with the interrupt.
@@ -24,11 +24,11 @@ pub(crate) struct Tail {
     interrupt: Interrupt,
     /// The bytes that were read and not used, whole lines first.
     held: Vec<u8>,
-    /// How much of it was taken.
+    /// The number of its bytes that were taken.
     consumed: usize,
-    /// How much of it is whole lines.
+    /// The number of its bytes that are whole lines.
     whole: usize,
-    /// How far the file was read.
+    /// The number of bytes of the file that were read.
     read: u64,
 }
 

@@ -42,7 +42,7 @@ impl Instant {
     }
 }
 
-/// How long a request, or local, may take, in nanoseconds.
+/// The time that a request, or local, may take, in nanoseconds.
 ///
 /// Every `u64` is a legal value, but zero is refused wherever a deadline is given (A11).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -41,7 +41,7 @@ pub struct Campaign<'a> {
     pub expected: &'a ExpectedWitnesses,
     /// `true` if each kind runs that could see a fault, and not only until two have caught it.
     pub thorough: bool,
-    /// How many witnesses run at once; at least 1.
+    /// The number of witnesses that run at once, at least 1.
     pub jobs: usize,
     /// Set from outside to end early.
     pub stop: &'a AtomicBool,
@@ -54,7 +54,7 @@ pub struct Catches {
     pub by: BTreeMap<&'static str, BTreeSet<String>>,
     /// The kinds whose time was up.
     pub out_of_time: BTreeSet<&'static str>,
-    /// Whether it had a build of its own, and why.
+    /// The reason why the fault had a build of its own, if it had one.
     pub own_build: Option<String>,
 }
 
@@ -67,7 +67,7 @@ pub struct CampaignFindings {
     pub held: BTreeMap<&'static str, BTreeSet<String>>,
     /// By identifier: the kinds with a witness that cites it and failed under a fault of it.
     pub(crate) shown: BTreeMap<String, BTreeSet<&'static str>>,
-    /// How often each kind ran under a fault and how often it caught one.
+    /// The number of times that each kind ran under a fault, and that it caught one.
     tries: BTreeMap<&'static str, (u32, u32)>,
 }
 
@@ -75,7 +75,7 @@ pub struct CampaignFindings {
 type FaultlessRuns = BTreeMap<&'static str, WitnessRun>;
 
 impl Catches {
-    /// How many kinds caught it.
+    /// Returns the number of kinds that caught it.
     pub(crate) fn kinds(&self) -> usize {
         self.by.values().filter(|by| !by.is_empty()).count()
     }
@@ -269,7 +269,8 @@ impl Campaign<'_> {
         (1..).zip(self.faults)
     }
 
-    /// What all faults change, by their numbers. Guards are there only if one of them is to run: a landing removes none.
+    /// Returns the parts that faults change, by their numbers. Guards are included only if one of
+    /// them is to run, because a landing removes none.
     pub(crate) fn parts(&self) -> impl Iterator<Item = (u32, &SeededFault)> {
         let mut chosen = self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
         let has_guards = chosen.any(|fault| fault.case.is_some());

@@ -117,7 +117,8 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsE
     Ok(places)
 }
 
-/// What witnesses of a kind cite; one in parentheses is a program of which it is not known which test failed.
+/// Returns what witnesses of a kind cite. A citation in parentheses is a program of which it is not
+/// known which test failed.
 pub(crate) fn cited(
     tree: &Tree,
     kind: &WitnessKind,

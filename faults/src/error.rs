@@ -10,7 +10,7 @@ pub enum FaultsError {
     /// A file or folder cannot be used.
     #[error("{}: {source}", path.display())]
     File {
-        /// Which one.
+        /// The path of the file.
         path: PathBuf,
         /// The error.
         source: io::Error,
@@ -18,7 +18,7 @@ pub enum FaultsError {
     /// A file does not say what it should.
     #[error("{}: {why}", path.display())]
     Content {
-        /// Which one.
+        /// The path of the file.
         path: PathBuf,
         /// The mistake.
         why: String,

@@ -11,7 +11,7 @@ use crate::tree::Tree;
 /// A line a guard: interface, case, file, what is written, what instead. A case of several lines is without all of them.
 const GUARDS: &str = "docs/safety/misuse-guards";
 
-/// Where a guard stands: the file, and the bytes of the body of its function, if it is in one.
+/// The place of a guard: the file, and the bytes of the body of its function, if it is in one.
 type Place = (String, Option<(usize, usize)>);
 
 /// A replacement, in bytes of a file.

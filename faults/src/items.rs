@@ -47,7 +47,7 @@ pub struct FunctionIndex<'a> {
     read: BTreeMap<String, Vec<Function>>,
 }
 
-/// Where a crate begins.
+/// The files with which a crate begins.
 struct CrateFiles {
     roots: Vec<String>,
 }

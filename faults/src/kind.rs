@@ -18,11 +18,11 @@ pub struct WitnessKind {
     pub name: &'static str,
     /// A description of its witnesses, for readers.
     pub title: &'static str,
-    /// Which faults its witnesses could see.
+    /// Selects the faults that its witnesses could see.
     pub(crate) concerns: fn(&SeededFault) -> bool,
     pub(crate) suite: &'static BuildSuite,
     pub(crate) programs: &'static [Program],
-    /// How many tests of a program run at once: more than one where they wait.
+    /// The number of a program's tests that run at once: more than one if they wait.
     pub(crate) threads: &'static str,
     /// `true` if it ends at the first test that fails, since its tests take long.
     pub(crate) stops: bool,
@@ -79,14 +79,14 @@ impl WitnessKind {
         }
     }
 
-    /// The one of this name.
+    /// Finds the kind with this name.
     #[must_use]
     pub fn find(name: &str) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.name == name)
     }
 }
 
-/// How much runs.
+/// States how much runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
 pub enum Tier {
     /// The faults of core, judges and threads.

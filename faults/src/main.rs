@@ -62,7 +62,7 @@ struct RunArguments {
     /// Runs a drawn tenth if nothing that the outcome depends on differs from this commit; the variable `FUSELINE_BASE` names it too.
     #[arg(long, value_name = "COMMIT")]
     base: Option<String>,
-    /// How many witnesses run at once.
+    /// The number of witnesses that run at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
     /// Runs every kind that could see a fault, and not only until two have caught it.
@@ -101,7 +101,7 @@ fn all_faults(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     Ok(faults)
 }
 
-/// Whether each fault is caught and nothing is missing.
+/// Returns whether each fault is caught and nothing is missing.
 fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsError> {
     let faults = all_faults(tree)?;
     let chosen = chosen(tree, &faults, args)?;
@@ -173,7 +173,7 @@ fn chosen(
     Ok(names.into_iter().collect())
 }
 
-/// Whether all that the outcome depends on is as it was in this commit.
+/// Returns whether everything on which the outcome depends is as it was in this commit.
 fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
     const SOURCES: [&str; 12] = [
         "core",
@@ -228,7 +228,7 @@ fn save(target: &Path, table: &Table) -> Result<(), FaultsError> {
     write(&target.join("faults/table.json"), &table.json())
 }
 
-/// Whether each case of misuse ends as it should.
+/// Returns whether each case of misuse ends as it should.
 fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
     let (held, all) = try_cases(tree, programs)?;
     println!("{held} of {all} cases of misuse are refused or reported");
@@ -256,7 +256,7 @@ fn lock(target: &Path, copy: &str) -> Result<File, FaultsError> {
     Ok(file)
 }
 
-/// Whether each condition is shown or explained.
+/// Returns whether each condition is shown or explained.
 fn mcdc(tree: &Tree, target: &Path, without: &[String]) -> Result<bool, FaultsError> {
     let _lock = lock(target, "mcdc/copy")?;
     let report = McdcReport::take(tree, target, without)?;

@@ -148,7 +148,7 @@ impl McdcReport {
         text
     }
 
-    /// The same for programs: an array of decisions, each with the tests of its pairs.
+    /// Returns the table as JSON: an array of decisions, each with the tests of its pairs.
     #[must_use]
     pub fn json(&self) -> String {
         let decisions = self.decisions.iter().enumerate().map(|(i, it)| {
@@ -162,7 +162,7 @@ impl McdcReport {
         serde_json::Value::from(decisions.collect::<Vec<_>>()).to_string() + "\n"
     }
 
-    /// How many conditions there are, and how many of them are shown.
+    /// Says how many conditions there are, and how many of them are shown.
     #[must_use]
     pub fn summary(&self) -> String {
         let conditions: usize = self.decisions.iter().map(|it| it.conditions.len()).sum();

@@ -39,7 +39,7 @@ pub struct Table {
 pub struct PromiseRow {
     /// Its identifier.
     pub id: String,
-    /// How the specification heads it.
+    /// The heading in the specification.
     pub title: String,
     /// The code that meets it, `file:line`.
     pub code: Vec<String>,
@@ -206,7 +206,7 @@ impl Table {
         text
     }
 
-    /// The same for programs.
+    /// Returns the table as JSON.
     ///
     /// # Panics
     /// Never: all of it is text.
@@ -285,7 +285,8 @@ fn shown(
     Ok(shown)
 }
 
-/// Which identifiers have too few faults or kinds, with the reason; without one it is wrong, as is a reason without need.
+/// Finds the identifiers that have too few faults or kinds, with the reason. An identifier without
+/// a reason is an error, and so is a reason without need.
 fn gaps(
     tree: &Tree,
     rows: &[PromiseRow],

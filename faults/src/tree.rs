@@ -58,7 +58,8 @@ impl Tree {
 
     /// A digest of all files at or below these names, but those whose names begin as a name after a `!` does.
     ///
-    /// Of Rust, lines of comments and empty lines are left out: rewording them changes no result.
+    /// In Rust files, lines of comments and empty lines are left out: rewording them changes no
+    /// result.
     ///
     /// # Errors
     /// As for [`files`](Self::files).

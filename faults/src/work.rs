@@ -22,7 +22,7 @@ use crate::tree::Tree;
 
 /// The exit code of a program that a signal ended.
 const KILLED: i32 = -1;
-/// How often a running program is looked at.
+/// A running program is looked at this often.
 const GLANCE: Duration = Duration::from_millis(10);
 /// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
 const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
@@ -55,7 +55,7 @@ pub(crate) enum Built {
 pub(crate) struct Trial<'a> {
     /// The number of the fault, and its name; the number is 0 for none.
     pub(crate) fault: (u32, &'a str),
-    /// The one case of misuse that runs.
+    /// The only case of misuse that runs.
     pub(crate) case: Option<&'a str>,
     pub(crate) limit: Duration,
     /// `true` if it ends at the first witness that fails.

@@ -16,7 +16,7 @@ use crate::world::{Size, World};
 /// The time between two reports of progress.
 const TICK: Duration = Duration::from_millis(50);
 
-/// How to check.
+/// The options of a check.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckOptions {
     /// The number of threads, at least 1.

@@ -21,7 +21,7 @@ pub struct InputResponse {
     pub fired: Vec<FiredTimers>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
-    /// How the response ended.
+    /// The end of the response.
     pub end: WholeAnswer,
 }
 

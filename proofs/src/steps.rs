@@ -1,6 +1,6 @@
 //! The machine's steps that harnesses take.
 //!
-//! When a counterexample is run again, each step is also recorded as lines of a trace.
+//! A counterexample that is run again also records each step as lines of a trace.
 
 use crate::fusion::{At, Fusion, Ready};
 use crate::priority::Priority;

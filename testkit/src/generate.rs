@@ -13,7 +13,7 @@ mod wide;
 
 use flood::DepartureOrder;
 
-/// How far back a step looks for a timestamp or a request.
+/// A step looks back at most this many timestamps or requests.
 const RECENT: usize = 12;
 /// One run in this many fills the greatest window.
 const FLOODS: u64 = 250;

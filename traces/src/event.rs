@@ -73,7 +73,7 @@ pub enum Input {
         at: u64,
         /// The timestamp.
         t: u64,
-        /// How long local may take, in ns, or `None` if that is not bounded.
+        /// The time that local may take, in ns, or `None` if it is not bounded.
         deadline: Option<u64>,
     },
     /// A request was offered to a cloud (F2).
@@ -84,7 +84,7 @@ pub enum Input {
         t: u64,
         /// The cloud's priority; any number.
         p: u64,
-        /// How long the cloud may take, in ns.
+        /// The time that the cloud may take, in ns.
         deadline: u64,
         /// The length of the cloud's queue without this request.
         backlog: u64,

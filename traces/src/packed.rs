@@ -65,7 +65,7 @@ const WINDOW_LOG: u32 = 27;
 /// The first bytes of a zstd frame.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// How a file is packed, by its first byte. No trace begins with one of these bytes.
+/// The packing of a file, told by its first byte. No trace begins with one of these bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Packing {
     /// Gzip.

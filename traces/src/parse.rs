@@ -75,7 +75,7 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     Ok(parse_annotated(line)?.0)
 }
 
-/// The same with the line's further keys.
+/// Parses a line like [`parse`], and returns its further keys too.
 ///
 /// # Errors
 /// Whatever the format does not allow, with its column.

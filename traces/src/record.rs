@@ -13,7 +13,7 @@ use crate::event::{Decision, Event, Header, Input};
 /// The number of bytes that are gathered before they are written.
 const GATHERED: usize = 64 * 1024;
 
-/// How a run is recorded. By default it is one plain file.
+/// The settings of a recording. By default it is one plain file.
 ///
 /// A killed process loses the lines that were not written yet. A [`Recorder`] by itself writes 64 KiB at a
 /// time, or when it is [flushed](Recorder::flush). An operator flushes its recorder twice a second, and

@@ -1,4 +1,4 @@
-//! What the images share: lines of the trace in and out, over semihosting, without an allocator.
+//! Reads and writes lines of the trace over semihosting, without an allocator, for all images.
 #![no_std]
 
 pub mod console;

@@ -10,7 +10,7 @@ use serde::Deserialize;
 pub struct Line<'a> {
     /// The version: a header.
     pub fuseline: Option<u64>,
-    /// What happened: an input.
+    /// The kind of input.
     #[serde(borrow)]
     pub ev: Option<&'a str>,
     /// When.
@@ -19,16 +19,16 @@ pub struct Line<'a> {
     pub t: Option<u64>,
     /// The source.
     pub p: Option<u64>,
-    /// Of an offer, or local's.
+    /// The deadline of an offer, or of local.
     pub deadline: Option<u64>,
-    /// Of an offer.
+    /// The backlog of an offer.
     pub backlog: Option<u64>,
-    /// Of a header.
+    /// The window of a header.
     pub window: Option<usize>,
-    /// Of a header.
+    /// The commit rule of a header.
     #[serde(borrow)]
     pub commit: Option<&'a str>,
-    /// Of a header.
+    /// The clouds of a header.
     pub clouds: Option<heapless::Vec<CloudLine, 15>>,
 }
 
@@ -47,7 +47,7 @@ impl<'a> Line<'a> {
         serde_json_core::from_slice(text).ok().map(|(line, _)| line)
     }
 
-    /// What a header says of the machine.
+    /// Returns the machine's configuration that a header states.
     #[must_use]
     pub fn configuration(&self) -> Option<(usize, Commit, heapless::Vec<Cloud, 15>)> {
         let commit = match self.commit {
@@ -66,7 +66,7 @@ impl<'a> Line<'a> {
 
 /// Writes decisions.
 pub struct Decisions<'a, W> {
-    /// Where to.
+    /// The output that lines are written to.
     pub out: &'a mut W,
     /// The machine's commit rule.
     pub commit: Commit,
@@ -75,7 +75,7 @@ pub struct Decisions<'a, W> {
 }
 
 impl<W: Write> Decisions<'_, W> {
-    /// What a firing led to.
+    /// Writes the decisions of a firing.
     ///
     /// # Errors
     /// It cannot be written.
@@ -87,7 +87,7 @@ impl<W: Write> Decisions<'_, W> {
         self.outcome(t, 0, &firing.outcome)
     }
 
-    /// What became of an open.
+    /// Writes the decision on an open.
     ///
     /// # Errors
     /// It cannot be written.
@@ -98,7 +98,7 @@ impl<W: Write> Decisions<'_, W> {
         }
     }
 
-    /// What became of an offer.
+    /// Writes the decision on an offer.
     ///
     /// # Errors
     /// It cannot be written.
@@ -112,7 +112,7 @@ impl<W: Write> Decisions<'_, W> {
         }
     }
 
-    /// What became of a result or a failure of `p`.
+    /// Writes the decision on a result or a failure of `p`.
     ///
     /// # Errors
     /// It cannot be written.

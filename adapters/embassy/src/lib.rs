@@ -12,7 +12,8 @@ use fuseline_core::{
     Timestamp,
 };
 
-/// What comes to the operator: an input without its instant, which is when it is received. `V` is a result's value.
+/// An input to the operator, without its instant: the operator stamps it when it receives it. `V` is a result's
+/// value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Arrival<V = ()> {
     /// F1: a message, and how long local may take for it.
@@ -36,19 +37,20 @@ impl<V> Arrival<V> {
     }
 }
 
-/// What an operator reports, in order: what it took in, then what fired, then what became of what it took in.
+/// A report of the operator. For each input it reports first the input, then what fired, then what became of the
+/// input.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Report<V, const CLOUDS: usize> {
     /// It took this in; none if only time went by.
     Took(Option<Arrival>),
     /// Timers fired (F5). With the value to send, if a result is forwarded, which under progressive none is.
     Fired(Firing<CLOUDS>, Option<V>),
-    /// What became of a message (F1).
+    /// A message was opened or refused (F1).
     Opened(Timestamp, Opening),
-    /// What became of a request (F2). If it is admitted, send it.
+    /// A request was admitted or refused (F2). If it is admitted, send it.
     Offered(Timestamp, Priority, Admission),
-    /// What became of a result or a failure (F3, F4). With the value to send, if a result is forwarded; under progressive
-    /// better ones may follow a preliminary one (F9).
+    /// A result or a failure was accepted or dropped (F3, F4). If a result is forwarded, its value is here, to be
+    /// sent. Under progressive, better results may follow (F9).
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 

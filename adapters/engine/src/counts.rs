@@ -28,7 +28,7 @@ pub(crate) struct Counts {
     sources: Vec<SourceCounts>,
     pub(crate) lag: Lag,
     messages: Count,
-    /// How many messages are open.
+    /// The number of open messages.
     pub(crate) open: Gauge,
     refused: [Count; OpenRefusal::ALL.len()],
     missed: Count,

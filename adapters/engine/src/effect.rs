@@ -61,14 +61,14 @@ pub struct Hint<V> {
 pub struct Offer<R> {
     /// The cloud's priority.
     pub priority: u16,
-    /// How long the cloud may take. If the cloud has a policy, this is the greatest deadline that the policy
-    /// may choose.
+    /// The time that the cloud may take. If the cloud has a policy, this is the greatest deadline that the policy may
+    /// choose.
     pub deadline: Duration,
     /// The request.
     pub request: R,
 }
 
-/// Which computation is discarded when too many wait for local (D17).
+/// Selects the computation that is discarded when too many wait for local (D17).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub enum Overflow {
     /// The oldest, because a fresh message is worth more.

@@ -28,7 +28,7 @@ pub struct Item<V> {
     pub decided: Duration,
     /// The number of items of its message before this one. It is 0 unless the commit rule is progressive.
     pub revision: u32,
-    /// How the message ended.
+    /// The ending of the message.
     pub ending: Ending<V>,
     /// The sources whose failure was accepted by then, and the reasons (F4).
     pub failures: Vec<Failure>,
@@ -57,7 +57,7 @@ pub struct Failure {
     pub why: Arc<str>,
 }
 
-/// How a message ended. Preliminary and final occur only under progressive.
+/// States how a message ended. Preliminary and final occur only under progressive.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Ending<V> {
     /// The best result so far; a better one may follow (F9).
@@ -83,8 +83,8 @@ pub struct Forwarded<V> {
     pub arrived: Duration,
     /// The event that triggered the output.
     pub trigger: Trigger,
-    /// Of which message the value is, if its source said so: of this one, or of one before it that is no older than the
-    /// cloud's `max_age` allows (D2).
+    /// The timestamp that the value was computed from, if its source said so: this one, or one before it that is no
+    /// older than the cloud's `max_age` allows (D2).
     pub of: Option<u64>,
     /// The message that the value is meant for, if its source named it. It is always this one (D18).
     pub meant_for: Option<u64>,

@@ -1,4 +1,4 @@
-//! How long operators take, for the reserve of the operators upstream (E3).
+//! The time that operators take, for the reserve of the operators upstream (E3).
 
 use std::collections::VecDeque;
 use std::iter::Sum;
@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use crate::lock::lock;
 
-/// How long an operator takes for a message, on board alone and with its clouds. It is stated, or measured
-/// while the operator runs.
+/// The time that an operator takes for a message, on board alone and with its clouds. It is stated, or measured while
+/// the operator runs.
 ///
 /// The operator records its messages in it, and the operators upstream keep that much of an end-to-end
 /// deadline in [reserve](Reserve). Clones share the measurements.

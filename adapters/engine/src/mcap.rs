@@ -10,7 +10,7 @@ pub use mcap::McapError;
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
-/// What a message holds.
+/// The JSON schema of a message.
 const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"for":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
 
 /// The level of zstd: the quickest one, whose files are hardly larger.

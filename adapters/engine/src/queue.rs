@@ -21,7 +21,7 @@ pub(crate) struct SourceQueue<R> {
     at_once: usize,
     /// The values of the gauges: how many requests wait, and how many are under way.
     pub(crate) shown: (u32, u32),
-    /// How long a call may run on past its due instant, in ns.
+    /// The time that a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
     /// The number of messages before its own that a value may be of (D2).
     pub(crate) max_age: u64,

@@ -1,4 +1,4 @@
-//! What an operator does of what its engine decides: calls begun and ended, items given.
+//! Carries out what an operator's engine decides: it begins and ends calls, and hands out items.
 //!
 //! It stands between the engine and the package's `Driver`, which does what is seldom.
 
@@ -33,7 +33,7 @@ pub(crate) struct PyCalls {
     is_monotonic: bool,
     start: u64,
     now: AtomicU64,
-    /// How many nanoseconds a step may take and is not counted.
+    /// A step that takes at most this many nanoseconds is not counted.
     longest_step: u64,
     counting: PyCounting,
     local_deadline: Option<Duration>,
@@ -188,14 +188,14 @@ impl PyCalls {
         self.is_over.load(Ordering::Relaxed)
     }
 
-    /// Whether no message is open, and nothing is being decided.
+    /// Returns whether no message is open and nothing is being decided.
     #[getter]
     fn is_idle(&self) -> PyResult<bool> {
         Ok(self.is_over()
             || (!self.is_deciding.load(Ordering::Relaxed) && self.engine.get().is_idle()?))
     }
 
-    /// Whether fewer messages are open, as far as that can be known now.
+    /// Returns whether fewer messages are open than the window holds, as far as that can be known now.
     fn has_room(&self, window: usize) -> PyResult<bool> {
         Ok(self.is_over()
             || (!self.is_deciding.load(Ordering::Relaxed)

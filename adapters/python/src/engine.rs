@@ -48,19 +48,19 @@ pub(crate) struct PyEngine {
     /// `None` once it has finished.
     inner: Mutex<Option<EngineState>>,
     effects: Effects,
-    /// When the clock read 0, as far as ages count from it.
+    /// The instant at which the clock read 0, for ages, which count from it.
     start: Instant,
     counting: PyCounting,
     interrupt: PendingException,
-    /// How long the operators downstream take.
+    /// The time that each operator downstream takes.
     reserve: Vec<Latency>,
     /// `true` if it writes a trace.
     #[pyo3(get)]
     is_recording: bool,
 }
 
-/// What of Python's exceptions is no error of a handler, such as `KeyboardInterrupt`: it ends the input after its
-/// decisions.
+/// An exception of Python that is no error of a handler, such as `KeyboardInterrupt`. It ends the input after the
+/// input's decisions.
 #[derive(Clone, Default)]
 pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
 
@@ -259,17 +259,17 @@ impl PyEngine {
         self.effects.item(py, item)
     }
 
-    /// When to tick, if ever.
+    /// Returns the instant of the next tick, if one is due.
     pub(crate) fn next_due(&self) -> PyResult<Option<u64>> {
         self.with(|inner| inner.next_due())
     }
 
-    /// Whether no message is open.
+    /// Returns whether no message is open.
     pub(crate) fn is_idle(&self) -> PyResult<bool> {
         self.with(|inner| inner.is_idle())
     }
 
-    /// How many messages are open.
+    /// Returns the number of open messages.
     pub(crate) fn open_len(&self) -> PyResult<usize> {
         self.with(|inner| inner.open_len())
     }
@@ -349,7 +349,8 @@ fn next_wanted(inner: &mut EngineState) -> Option<EngineEffect> {
     iter::from_fn(|| inner.next_effect()).find(|effect| !matches!(effect, EngineEffect::Hint(_)))
 }
 
-/// With the file, as Python's own `open` has it.
+/// Makes Python's error for a file that cannot be written. It names the file, as the error of Python's own `open`
+/// does.
 fn unwritable(error: &io::Error, path: PathBuf) -> PyErr {
     match error.raw_os_error() {
         Some(number) => {

@@ -14,7 +14,7 @@ static LOGGER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 
 /// Forwards errors, warnings and recoveries of the engine to Python, from the recorder's thread too.
 ///
-/// Whoever waits for that thread must let go of the interpreter.
+/// A thread that waits for that thread must release the interpreter.
 struct PythonSubscriber;
 
 /// An event in words: `operator: message (field=value, …)`.

@@ -51,7 +51,8 @@ impl PyDrive {
         self.0.samples().map(|(at, trip)| (nanos(at), trip.map(nanos))).collect()
     }
 
-    /// How many nanoseconds after an instant of the drive what is sent then is back; none if never.
+    /// Returns the nanoseconds until a message that is sent at this instant of the drive is answered, or `None` if it
+    /// never is.
     fn round_trip(&self, at: Nanos) -> Option<u64> {
         self.0.round_trip(Duration::from_nanos(at.0)).map(nanos)
     }

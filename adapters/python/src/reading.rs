@@ -11,9 +11,9 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyIterator, PyString};
 
-/// How often the interpreter is asked whether somebody wants to stop.
+/// The interpreter is asked this often whether somebody wants to stop.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// How many bytes are read at once, and gathered from lines.
+/// The number of bytes that are read at once, and gathered from lines.
 const CHUNK: usize = 64 * 1024;
 
 /// The source of a trace.

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use fuseline_traces::{Commit, Decision, Event, Header, Input};
 
-/// How many messages without an outcome are remembered: more than a window has.
+/// The number of messages without an outcome that are remembered. It is more than a window has.
 const OPEN: usize = 4096;
-/// How many leading bits of a response are distinguished: bins are at most a 32nd wide.
+/// The number of leading bits of a response time that are distinguished: bins are at most a 32nd wide.
 const BITS: u32 = 6;
 
 /// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
@@ -22,9 +22,9 @@ pub(crate) struct PyTally {
     messages: u64,
     missed: u64,
     refused: u64,
-    /// When those messages were taken in that have no outcome yet, and how often that was tried.
+    /// The instants at which the messages without an outcome were opened, and how often each was tried.
     open: BTreeMap<u64, (u64, u64)>,
-    /// Of those, the last output under progressive: its source and bin.
+    /// The last output of each of these messages under progressive: its source and bin.
     preliminary: BTreeMap<u64, (u64, u64)>,
     /// Outputs by source and bin.
     outputs: BTreeMap<(u64, u64), u64>,

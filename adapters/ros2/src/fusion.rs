@@ -65,7 +65,7 @@ pub(crate) struct NodeFusion<'a> {
     pub(crate) speed: Option<Speed>,
 }
 
-/// How many parties take turns in [`InputChannels`].
+/// The number of parties that take turns in [`InputChannels`].
 const TURNS: usize = 7;
 
 /// The state between two events.
@@ -237,8 +237,8 @@ impl Transport for NodeFusion<'_> {
 }
 
 impl NodeFusion<'_> {
-    /// What an open message comes from. The stamp's clock is the wall's, whose steps no deadline may follow (D13): the age is
-    /// written and sent, and nothing else is made of it. The end-to-end deadline counts from the intake.
+    /// Returns the lineage of an open message. Its stamp is read from the wall clock, whose steps no deadline may
+    /// follow (D13). So the age is only written and sent. The end-to-end deadline counts from the intake.
     fn lineage_of(&self, timestamp: u64) -> Option<Arc<Lineage>> {
         let stamp = self.memory.stamps.key(timestamp)?;
         let age = match self.input_key {

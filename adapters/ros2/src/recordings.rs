@@ -30,7 +30,7 @@ impl Drop for CreatedFiles {
     }
 }
 
-/// Whether there may be such recordings, as far as that is known without making them.
+/// Checks whether the recordings could be made, as far as that is known without making them.
 pub(crate) fn check(settings: &Settings) -> Result<(), NodeError> {
     let paths = [settings.trace.as_deref(), settings.mcap.as_deref()];
     for path in paths.into_iter().flatten() {

@@ -13,14 +13,14 @@ const FIRST: Duration = Duration::from_secs(10);
 /// The newest gap counts for one part in this many of the usual gap.
 const WEIGHT: u32 = 8;
 
-/// When messages came, and how far apart they usually do.
+/// Records when messages came, and how far apart they usually are.
 #[derive(Debug, Default)]
 pub(crate) struct SilenceDetector {
     /// The time that counts as silence; `None` for ten usual gaps.
     patience: Option<Duration>,
     /// Since when the first message is waited for; none waits for none.
     since: Option<Instant>,
-    /// When the last message came, or a publisher after it.
+    /// The instant at which the last message came, or a publisher after it.
     last: Option<Instant>,
     /// The mean gap, in which recent gaps count most.
     usual: Option<Duration>,

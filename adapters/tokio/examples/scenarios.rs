@@ -20,7 +20,7 @@ use fuseline_tokio::{
 use tokio::runtime::Builder;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// What a source does with a message, after so many milliseconds. A reply may say of which message it is.
+/// Tells a source what to do with a message, after a number of milliseconds. A reply may say of which message it is.
 #[derive(Clone, Copy)]
 enum PlayedAction {
     Answers(u64, Option<u64>),
@@ -46,8 +46,8 @@ struct PlayedSide {
     resume: u64,
 }
 
-/// When a message comes, its lineage, what local does, and the deadline of each cloud and side request, if it is asked, and what
-/// it does.
+/// One message of a scenario: when it comes, its lineage, what local does, and for each cloud and side request the
+/// deadline and what it does, if it is asked.
 #[derive(Clone)]
 struct PlayedMessage {
     at: u64,

@@ -1,4 +1,4 @@
-//! What an operator or a join gives to the readers of its output (D8 bounded).
+//! Hands the outputs of an operator or a join to their readers (D8 bounded).
 
 use std::collections::VecDeque;
 use std::pin::Pin;

@@ -26,7 +26,7 @@ use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage};
 use crate::workers::Workers;
 
-/// What an operator reads, requests and writes.
+/// The channels from which an operator reads, and to which it writes.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<CloudHandler<I, O>>,
@@ -50,7 +50,7 @@ pub(crate) struct Streams<I, O> {
     pub(crate) is_open: bool,
 }
 
-/// What is sent to a source.
+/// The work that is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
     Call(BoxedRequest<O>, Option<Arc<Lineage>>),

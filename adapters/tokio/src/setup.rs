@@ -22,7 +22,7 @@ use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Cloud>,
-    /// Of the clouds, in their order.
+    /// The message handlers of the clouds, in the clouds' order.
     pub(crate) message_handlers: Vec<MessageHandler<I, O>>,
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRegistration<I>>,

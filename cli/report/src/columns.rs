@@ -22,9 +22,9 @@ use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
-/// How many of the times at which requests are due are drawn.
+/// At most this many of the times at which requests are due are drawn.
 const DEADLINES: usize = 3;
-/// How many violations beyond the listed ones a capped trace names.
+/// A capped trace names at most this many violations beyond the listed ones.
 const MARKS: usize = 1 << 16;
 
 /// One trace while it is read.
@@ -32,19 +32,19 @@ pub(crate) struct TraceColumns {
     /// The first ones with their lines.
     events: Vec<(u64, Event)>,
     is_part: bool,
-    /// How many events are shown at most.
+    /// At most this many events are shown.
     most: usize,
-    /// How many events came after those.
+    /// The number of events that came after those.
     left_out: u64,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
     statistics: TraceStatistics,
     deadlines: RequestDeadlines,
-    /// What the messages come from that say so, by their timestamps.
+    /// The lineages of the messages that have one, by their timestamps.
     lineages: BTreeMap<u64, MessageLineage>,
 }
 
-/// What a message comes from, and how old it was when it was opened.
+/// The lineage of a message, and its age when it was opened.
 struct MessageLineage {
     origin: Option<Origin>,
     age: Option<u64>,
@@ -64,32 +64,32 @@ pub(crate) struct PageTrace {
     sources: Vec<SourceColumn>,
     conforms: bool,
     judged: u64,
-    /// What the judge could not see.
+    /// The doubts: the things that the judge could not see.
     doubts: Vec<Doubt>,
-    /// The one cause that explains most violations.
+    /// The cause that explains most violations, if one cause does.
     #[serde(skip_serializing_if = "Option::is_none")]
     cause: Option<String>,
     lines: u64,
     /// The first ones in full.
     violations: Vec<ViolationRow>,
-    /// Where all the others are.
+    /// The places of all the others.
     places: ViolationPlaces,
     #[serde(rename = "account")]
     totals: Sums,
-    /// How long requests had, the commonest first.
+    /// The deadlines that requests had, the commonest first.
     deadlines: Vec<ExactNumber>,
-    /// What is known of the run beside its trace.
+    /// Facts about the run that its trace does not have.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) run: Option<RunNotes>,
     /// The instant from which `at` counts.
     origin: ExactNumber,
     /// The timestamps, ascending, each as its difference from the one before.
     timestamps: Vec<ExactNumber>,
-    /// What became of each: the place of the source whose result was forwarded, or a number below 0.
+    /// The outcome of each message: the index of the source whose result was forwarded, or a number below 0.
     outcome: Vec<i64>,
-    /// What became of their requests: for each timestamp a digit a source, the fate's column, or 0.
+    /// The fates of their requests: for each timestamp one digit for each source, the column of its fate, or 0.
     fates: String,
-    /// What messages come from, if they say so.
+    /// The lineages of messages, where they have one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     lineages: Vec<LineageRow>,
     /// A letter an event.
@@ -100,9 +100,10 @@ pub(crate) struct PageTrace {
     t: Vec<i64>,
     /// The source's place plus 1, or 0.
     p: Vec<usize>,
-    /// What some events have more, in their order; see `more_of`.
+    /// Further values of some events, in the events' order; see `more_of`.
     x: Vec<i128>,
-    /// Of some events: each one's line as its difference from the event's before. Else it is the event's place plus 2.
+    /// The line numbers of events, each as its difference from the one before. `None` if each event's line is its
+    /// place plus 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<Vec<ExactNumber>>,
     /// If events are left out for their number.
@@ -117,12 +118,12 @@ struct CappedSums {
     violations: u64,
 }
 
-/// What one message comes from.
+/// The lineage of one message.
 #[derive(Serialize)]
 struct LineageRow {
     /// The timestamp's place.
     t: usize,
-    /// How old it was when it was opened.
+    /// The age of the message when it was opened.
     age: Option<ExactNumber>,
     origin: Option<String>,
     seq: Option<ExactNumber>,
@@ -130,7 +131,7 @@ struct LineageRow {
     missing: Vec<String>,
 }
 
-/// Where violations are, without their details.
+/// The places of violations, without their details.
 #[derive(Default, Serialize)]
 struct ViolationPlaces {
     /// Each rule that they break, with its sentence.
@@ -146,7 +147,7 @@ struct ViolationPlaces {
 /// A violation's place, with its rule's identifier and sentence.
 type RulePlace = ViolationPlace<(&'static str, &'static str)>;
 
-/// What the trace comes to; the page counts nothing itself.
+/// The sums over the trace. The page itself counts nothing.
 #[derive(Serialize)]
 struct Sums {
     messages: u64,
@@ -202,7 +203,7 @@ struct ViolationRow {
 struct ExactNumber(u64);
 
 impl TraceColumns {
-    /// Those of a trace of which so many events are shown at most.
+    /// Makes the columns of a trace of which at most `most` events are shown.
     pub(crate) fn new(header: &Header, is_observed: bool, most: usize) -> Self {
         let mut columns = Self {
             events: Vec::new(),
@@ -255,7 +256,7 @@ impl TraceColumns {
         self.events.push((line, event));
     }
 
-    /// How many events are shown.
+    /// Returns the number of events that are shown.
     pub(crate) const fn len(&self) -> usize {
         self.events.len()
     }
@@ -510,8 +511,8 @@ const fn priority(event: &Event) -> Option<u64> {
     }
 }
 
-/// What an event has more: an open its deadline or −1, an offer its deadline and backlog, a request the
-/// time to its due instant, a refusal and a drop the place of their reason.
+/// Appends the further values of an event: of an open its deadline or −1, of an offer its deadline and backlog, of a
+/// request the time to its due instant, of a refusal and a drop the index of its reason.
 fn more_of(event: &Event, x: &mut Vec<i128>) {
     let place = |place: usize| i128::try_from(place).unwrap_or(i128::MAX);
     match *event {

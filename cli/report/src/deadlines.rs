@@ -1,4 +1,4 @@
-//! How long requests had, and how long after its message a request was due.
+//! The deadlines of requests, and the times from a message to the due instants of its requests.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -10,17 +10,17 @@ const OPEN: usize = 4096;
 /// To how many decimal digits the times from the message are rounded: requests are sent some microseconds after it.
 const DIGITS: u32 = 3;
 
-/// How often requests of each source had so long, in nanoseconds.
+/// Counts the requests of each source by their deadlines, in nanoseconds.
 pub(crate) struct RequestDeadlines {
     commit: Commit,
     of: BTreeMap<u64, Counts>,
     /// From a request's message until the request is due, rounded.
     after_open: Counts,
-    /// When the open messages came.
+    /// The instants at which the open messages came.
     opened: BTreeMap<u64, u64>,
 }
 
-/// How often each value occurs.
+/// The number of times that each value occurs.
 type Counts = BTreeMap<u64, u64>;
 
 impl RequestDeadlines {

@@ -9,10 +9,10 @@ use serde::Serialize;
 
 use crate::part::{PartFilter, TraceRange};
 
-/// How many violations of a part are listed in full.
+/// At most this many violations of a part are listed in full.
 const LISTED: usize = 100;
 
-/// How a trace is judged: strictly, or as observed within this.
+/// The way in which a trace is judged: strictly, or as observed within this slack.
 pub type JudgeMode = Option<Slack>;
 
 /// A judge of one trace.
@@ -30,7 +30,7 @@ enum EitherJudge {
     Observed(Box<observed::Judge>),
 }
 
-/// What is found in a part of the trace. All of it is judged, since what the rules demand depends on what came before.
+/// The findings in a part of the trace. All of it is judged, since what the rules demand depends on what came before.
 #[derive(Debug)]
 struct PartVerdict {
     filter: PartFilter,
@@ -41,13 +41,13 @@ struct PartVerdict {
     alone: Option<Box<observed::Judge>>,
 }
 
-/// What one of the judges found.
+/// The findings of one of the two judges.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Findings {
     /// The strict judge.
     Strict(Verdict),
-    /// That of observed traces.
+    /// The verdict on an observed trace.
     Observed(observed::Verdict),
 }
 
@@ -58,9 +58,9 @@ pub struct VerdictSummary<'a> {
     pub file: &'a str,
     /// `true` if the rules explain all of it and nothing is in doubt.
     pub conforms: bool,
-    /// What the judge could not see.
+    /// The doubts: the things that the judge could not see.
     pub doubts: &'a [Doubt],
-    /// The one cause that explains most violations.
+    /// The cause that explains most violations, if one cause does.
     pub cause: Option<&'a str>,
     /// Timestamps judged.
     pub judged: u64,
@@ -79,11 +79,11 @@ pub struct AnyViolation<'a> {
     pub t: Option<u64>,
     /// The rule's identifier and its sentence.
     pub rule: (&'static str, &'static str),
-    /// What was found.
+    /// The line or fact that was found.
     pub found: &'a str,
-    /// What the rules demand or allow.
+    /// The line or fact that the rules demand or allow.
     pub expected: &'a str,
-    /// Of an observed trace: by how much it came too late, in nanoseconds.
+    /// In an observed trace, the time by which it came too late, in nanoseconds.
     pub late: Option<u64>,
     /// The last lines about the timestamp.
     pub story: &'a [String],
@@ -298,14 +298,14 @@ impl PartVerdict {
     }
 }
 
-/// What is in doubt about single messages of a part.
+/// Returns the doubts about single messages of a part.
 fn doubts_of(whole: &[Doubt], judged: u64, filter: &PartFilter) -> impl Iterator<Item = Doubt> {
     let of_messages = whole.iter().filter(|doubt| !doubt.messages.is_empty());
     let of_part = of_messages.filter_map(|doubt| doubt.of_messages(|t| filter.has(Some(t))));
     Doubt::unjudged(judged).into_iter().chain(of_part)
 }
 
-/// Whether a doubt is about all of what was judged, and not about its messages or whether there are any.
+/// Returns whether a doubt is about the whole trace, not about single messages or about whether there are any.
 fn is_of_whole(doubt: &Doubt) -> bool {
     doubt.messages.is_empty() && doubt.kind != DoubtKind::Unjudged
 }
@@ -359,7 +359,7 @@ fn without_last(judge: Judge) -> (Verdict, bool) {
 }
 
 impl Findings {
-    /// With the violations by their lines.
+    /// Sorts the violations by their lines.
     fn sorted(mut self) -> Self {
         if let Self::Observed(verdict) = &mut self {
             verdict.violations.sort_by_key(|violation| violation.line);
@@ -376,7 +376,7 @@ impl Findings {
         }
     }
 
-    /// The same with a doubt that whoever read the trace has.
+    /// Adds a doubt that the reader of the trace has.
     #[must_use]
     pub fn doubting(mut self, doubt: Doubt) -> Self {
         match &mut self {
@@ -386,7 +386,7 @@ impl Findings {
         self.accepting(&[])
     }
 
-    /// What is in doubt.
+    /// Returns the doubts.
     #[must_use]
     pub fn doubts(&self) -> &[Doubt] {
         match self {
@@ -444,7 +444,7 @@ impl Findings {
         }
     }
 
-    /// Where each of the others is: line, timestamp, and the rule with its sentence.
+    /// Returns the place of each of the others: line, timestamp, and the rule with its sentence.
     pub(crate) fn places(&self) -> Vec<ViolationPlace<(&'static str, &'static str)>> {
         let strict = |place: &ViolationPlace<Rule>| place.map(|it| (it.id(), it.sentence()));
         let observed = |place: &ViolationPlace<_>| {

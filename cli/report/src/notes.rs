@@ -1,8 +1,8 @@
-//! What is known of a run beside its trace.
+//! Facts about a run that its trace does not have.
 
 use serde::{Deserialize, Serialize};
 
-/// What a run was, and what other policies would have come to, as it is shown.
+/// Describes a run, and states what other policies would have achieved, as the page shows it.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunNotes {
@@ -10,7 +10,7 @@ pub struct RunNotes {
     pub configuration: Vec<(String, String)>,
     /// A row a policy, the run's own first.
     pub policies: PolicyScores,
-    /// What limits what the figures say, a sentence or two each.
+    /// Sentences that limit what the figures mean, one or two for each limit.
     pub caveats: Vec<String>,
 }
 
@@ -18,8 +18,8 @@ pub struct RunNotes {
 #[derive(Clone, PartialEq, Eq, Debug, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyScores {
-    /// What the columns are called.
+    /// The names of the columns.
     pub columns: Vec<String>,
-    /// As many cells each as there are columns.
+    /// The rows. Each has one cell for each column.
     pub rows: Vec<Vec<String>>,
 }

@@ -18,7 +18,7 @@ const LICENSES: &str = include_str!("../page/dist/LICENSES.txt");
 /// All of the page's data; it has no words of its own for these.
 #[derive(Serialize)]
 pub(crate) struct Data<'a> {
-    /// What is counted about a source's requests: word and meaning.
+    /// The counts of a source's requests: the word for each count and its meaning.
     columns: [(&'static str, &'static str); COLUMNS.len()],
     refusals: Vec<ReasonColumn>,
     drops: [ReasonColumn; 5],

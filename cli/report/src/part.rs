@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use fuseline_traces::{Decision, Event, Input, observed};
 
-/// Which messages of a trace are wanted. The default is all.
+/// Selects the messages of a trace that are wanted. The default is all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TraceRange {
     /// Messages that begin so long after the trace's first instant, in nanoseconds, or later.
@@ -30,7 +30,7 @@ pub struct PartFilter {
     is_inside: bool,
 }
 
-/// What is known of a message.
+/// The facts about a message.
 #[derive(Clone, Copy, Debug)]
 struct PartMessage {
     is_wanted: bool,
@@ -104,7 +104,7 @@ impl PartFilter {
         Some(alone)
     }
 
-    /// How many of the part's messages were judged.
+    /// Returns the number of messages of the part that were judged.
     pub(crate) fn judged(&self) -> u64 {
         let judged =
             |message: &&PartMessage| message.is_wanted && message.is_open && message.is_touched;

@@ -36,9 +36,9 @@ pub use figure::BoundedFigure;
 /// A way to choose one result for each message.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum ComparedPolicy {
-    /// What the operator did.
+    /// The policy that the operator followed.
     Fusion,
-    /// What the operator would have done with one deadline for all requests.
+    /// One constant deadline for all requests.
     Constant(ConstantPolicy),
     /// Local's result, whenever it is there.
     LocalOnly,
@@ -50,7 +50,7 @@ pub enum ComparedPolicy {
     Progressive(Vec<u16>),
 }
 
-/// What a policy gives, as far as it is known.
+/// The score of a policy, as far as it is known.
 ///
 /// Where calls were ended before their results, each figure is a bound that holds whatever those
 /// results would have been.
@@ -69,17 +69,17 @@ pub struct PolicyScore {
     pub outage: Option<Quantile>,
 }
 
-/// What a policy does with one message, as far as it is known.
+/// The choice of a policy for one message, as far as it is known.
 struct PolicyChoice {
     response: Response,
-    /// Whose result may be there before the deadline; none for no result in time. More than one
-    /// where it is not known.
+    /// The sources whose result may be the best one before the deadline; `None` stands for no result in time. There
+    /// is more than one element if the choice is not known.
     in_time: Vec<Option<usize>>,
 }
 
 impl ComparedPolicy {
-    /// How much the policy needs of what all requests admitted need, by source; none for fusion,
-    /// which cancels some before they are sent, whatever its deadlines.
+    /// Returns the part of all admitted requests that the policy needs, by source. It is `None` for fusion, which
+    /// cancels some requests before they are sent, whatever their deadlines are.
     #[must_use]
     pub fn needs(&self, all: &[u64]) -> Option<u64> {
         match *self {
@@ -151,7 +151,7 @@ impl ComparedPolicy {
     }
 }
 
-/// What is known to be put out.
+/// Returns the outputs that are certain.
 fn put_out(
     arrivals: &[ArrivalTime],
     forwarded: Option<ForwardedOutput>,
@@ -200,7 +200,7 @@ fn first(arrivals: &[ArrivalTime], deadline: Duration) -> PolicyChoice {
     PolicyChoice { response: Response { least, most }, in_time }
 }
 
-/// Whose result may be the best of those that are there before the deadline.
+/// Returns the sources whose result may be the best one that arrives before the deadline.
 fn best(arrivals: &[ArrivalTime], priorities: &[u16], deadline: Duration) -> Vec<Option<usize>> {
     let mut by_rank: Vec<usize> = (0..arrivals.len()).collect();
     by_rank.sort_by_key(|source| source.checked_sub(1).map_or(0, |cloud| priorities[cloud]));

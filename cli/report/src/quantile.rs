@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
-/// When a source's result was there, or would have been, since its message came.
+/// The time from a message to the result of a source, known or bounded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ArrivalTime {
     /// At this time.
@@ -86,7 +86,7 @@ impl From<ArrivalTime> for Response {
     }
 }
 
-/// Those of [`PERCENT`], by nearest ranks; none without responses.
+/// Returns the quantiles at [`PERCENT`], by nearest ranks, or `None` without responses.
 #[must_use]
 pub fn quantiles(responses: &[Response]) -> [Option<Quantile>; 3] {
     quantiles_among(responses, &[])

@@ -10,7 +10,7 @@ pub(crate) struct ReasonColumn {
     sentence: &'static str,
 }
 
-/// Those of refusals: an open's, then an offer's.
+/// Returns the reasons of refusals: first those of an open, then those of an offer.
 pub(crate) fn refusals() -> Vec<ReasonColumn> {
     let opens =
         OpenRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });
@@ -19,7 +19,7 @@ pub(crate) fn refusals() -> Vec<ReasonColumn> {
     opens.into_iter().chain(offers).collect()
 }
 
-/// Those of drops, each at its index.
+/// Returns the reasons of drops, each at its index.
 pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
     DropReason::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() })
 }

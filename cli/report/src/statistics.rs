@@ -19,8 +19,8 @@ use crate::statistics::history::{
 use crate::statistics::sums::MessageSums;
 use crate::timestamp_map::TimestampMap;
 
-/// What is counted about a source's requests, each with its meaning. Local has a request for each
-/// message that was taken on. The first is the sum of the next six.
+/// The counts of a source's requests, each with its meaning. Local has a request for each accepted message. The first
+/// count is the sum of the next six.
 pub const COLUMNS: [(&str, &str); 8] = [
     ("requests", "offers admitted (F2); local's are the messages taken on (F1)"),
     ("forwarded", "its result went downstream (F7)"),
@@ -36,7 +36,7 @@ pub const COLUMNS: [(&str, &str); 8] = [
     ("refused", "offers refused; they are no requests (F2)"),
 ];
 
-/// What a trace shows, taken line by line.
+/// Collects the statistics of a trace, line by line.
 ///
 /// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
 /// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
@@ -45,7 +45,7 @@ pub struct TraceStatistics {
     /// Local's priority, the clouds', then those of strangers that a trace requests or forwards against
     /// the rules.
     priorities: Vec<u64>,
-    /// How many of them are local and the clouds.
+    /// The number of these sources that are local or a registered cloud.
     known: usize,
     /// `true` if lines of decisions may be missing.
     is_observed: bool,
@@ -59,7 +59,7 @@ pub struct TraceStatistics {
     timer_lag: Option<Duration>,
 }
 
-/// What a trace comes to.
+/// The totals of a trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Totals {
     /// Messages that came: forwarded, missed, refused or open.
@@ -78,7 +78,7 @@ pub struct Totals {
     pub rows: Vec<RequestRow>,
 }
 
-/// What one source's requests came to.
+/// The counts of one source's requests.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RequestRow {
     /// Its priority; local's is 0.
@@ -98,16 +98,16 @@ pub struct MessageRecord {
     pub forwarded: Option<ForwardedOutput>,
 }
 
-/// What was put out for a message.
+/// The output for a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ForwardedOutput {
-    /// Whose result, by its index in [`MessageRecord::arrivals`].
+    /// The source of the result, by its index in [`MessageRecord::arrivals`].
     pub source: usize,
-    /// When it left, since the message came.
+    /// The time from the message to its output.
     pub response: Duration,
 }
 
-/// What became of a timestamp.
+/// The outcome of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TimestampOutcome {
     /// A result went downstream.
@@ -124,8 +124,8 @@ pub enum TimestampOutcome {
 }
 
 impl MessageRecord {
-    /// Whether some cloud had neither a result for it nor a failure before the deadline, though it
-    /// got a request; none if that is not known.
+    /// Returns whether some cloud that got a request sent neither a result nor a failure before the deadline. It is
+    /// `None` if that is not known.
     #[must_use]
     pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
         let clouds = || self.arrivals.iter().skip(1);
@@ -288,28 +288,27 @@ impl TraceStatistics {
         }
     }
 
-    /// How long after its due instant a timer was served at most; none if none fired.
+    /// Returns the longest time after its due instant at which a timer was served, or `None` if none fired.
     #[must_use]
     pub const fn timer_lag(&self) -> Option<Duration> {
         self.timer_lag
     }
 
-    /// What became of a timestamp.
+    /// Returns the outcome of a timestamp.
     #[must_use]
     pub fn outcome(&self, t: u64) -> TimestampOutcome {
         let story = self.stories.get(t);
         story.map_or(TimestampOutcome::Unopened, |story| outcome(story, &self.priorities))
     }
 
-    /// What became of the request for a timestamp, as its index in [`COLUMNS`]; none if there is
-    /// none.
+    /// Returns the outcome of a request as its index in [`COLUMNS`], or `None` if there was no request.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
         let story = self.stories.get(t).filter(|story| story.is_message())?;
         Some(story.request_outcome(self.source(p)?, self.is_observed)? as usize)
     }
 
-    /// What it all comes to.
+    /// Returns the totals of the trace.
     #[must_use]
     pub fn totals(&self) -> Totals {
         let sums = self.sums();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 /// Values by timestamp, in ascending order.
 pub(crate) struct TimestampMap<T> {
-    /// Where each value is.
+    /// The index of each value.
     indices: BTreeMap<u64, usize>,
     values: Vec<T>,
     /// The timestamp that was used last, and where its value is.

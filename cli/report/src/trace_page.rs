@@ -11,8 +11,8 @@ use crate::notes::RunNotes;
 use crate::page::{self, Data};
 use crate::part::{PartFilter, TraceRange};
 
-/// How many events a page of one trace holds. Of a longer trace it shows and counts the first ones, and says so; the verdict is
-/// about all.
+/// A page of one trace holds at most this many events. Of a longer trace it shows and counts the first ones, and says
+/// so. The verdict covers the whole trace.
 pub const MOST_EVENTS: usize = 1_250_000;
 /// A trace takes such a part of what a page can hold of several, which so never is full.
 const PART: usize = 8;
@@ -20,7 +20,7 @@ const PART: usize = 8;
 /// A page about traces.
 pub struct PageWriter {
     page_trace: Vec<PageTrace>,
-    /// How many events more it can hold.
+    /// The number of events for which there is still room.
     room: usize,
 }
 
@@ -139,19 +139,19 @@ impl TracePage<'_> {
         self.end(|judging| (judging.finish(), false)).0
     }
 
-    /// The same for the trace of a run that is known to have ended; see [`TraceJudge::finish_ended`].
+    /// Finishes the page of a run that is known to have ended; see [`TraceJudge::finish_ended`].
     #[must_use = "whether it conforms"]
     pub fn finish_ended(self) -> Findings {
         self.end(|judging| (judging.finish_ended(), false)).0
     }
 
-    /// The same for a trace that may go on, or was cut short; see [`TraceJudge::finish_early`].
+    /// Finishes the page of a trace that may go on or was cut short; see [`TraceJudge::finish_early`].
     #[must_use = "whether it conforms"]
     pub fn finish_early(self) -> (Findings, bool) {
         self.end(TraceJudge::finish_early)
     }
 
-    /// The same with a verdict of the caller's own making.
+    /// Finishes the page with a verdict that the caller makes.
     #[must_use = "whether it conforms"]
     pub fn finish_as(self, finish: impl FnOnce(TraceJudge) -> Findings) -> Findings {
         self.end(|judging| (finish(judging), false)).0

@@ -14,7 +14,7 @@ use crate::convert::time::{self, Id};
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Entry {
     pub(super) place: Place,
-    /// Which row of the log it is of.
+    /// The row of the log from which it comes.
     pub(super) row: u64,
     pub(super) ev: &'static str,
     pub(super) at: i128,
@@ -37,7 +37,7 @@ pub(super) struct Sources {
     locals: BTreeMap<String, bool>,
 }
 
-/// Where the priorities begin that names have for now.
+/// Sources get priorities from here on until their own are known.
 const PROVISIONAL: u64 = 1 << 32;
 
 impl Entry {

@@ -12,7 +12,7 @@ use crate::convert::time::{Id, shown};
 use crate::exit::Exit;
 use crate::fault::Fault;
 
-/// How many names are shown of those that nothing uses.
+/// At most this many of the unused names are shown.
 const SHOWN: usize = 12;
 const MS: i128 = 1_000_000;
 
@@ -78,7 +78,7 @@ impl Screen {
     }
 }
 
-/// How many there are of each event and source.
+/// Counts the events of each kind and source.
 fn counts(entries: &[&Entry], sources: &Sources) -> String {
     let mut counts: BTreeMap<(&str, Option<u64>), u64> = BTreeMap::new();
     for entry in entries {
@@ -92,7 +92,7 @@ fn counts(entries: &[&Entry], sources: &Sources) -> String {
     if all.is_empty() { "none".to_owned() } else { all.join(", ") }
 }
 
-/// When a run was, and how its messages follow each other.
+/// Says when a run was, and how far apart its messages are.
 fn times(run: &Run) -> String {
     let (Some(first), Some(last)) = (run.entries.first(), run.entries.last()) else {
         return "no event; name what the log has with --column, --event, --frame, --span or --topic".to_owned();
@@ -113,7 +113,7 @@ fn times(run: &Run) -> String {
 #[derive(Default)]
 struct Facts {
     sources: BTreeMap<u64, SourceFacts>,
-    /// How long after the deadline outputs came that waited for it.
+    /// The times after the deadline at which outputs came that waited for it.
     waits: Vec<i128>,
     /// The step of the clock, and the period of messages.
     step: i128,
@@ -126,12 +126,12 @@ struct Facts {
 #[derive(Default)]
 struct SourceFacts {
     requests: usize,
-    /// How long after their begin results came, and how long they had.
+    /// The times from request to result.
     responses: Vec<i128>,
     deadlines: Vec<i128>,
     late: u64,
     failures: u64,
-    /// How long after its result an output was sent.
+    /// The times from a result to its output.
     offsets: Vec<i128>,
 }
 

@@ -50,7 +50,7 @@ pub(super) enum Content {
 
 /// The note about a file that belongs to others.
 pub(super) const PART: &str = "it is one part of a bag of";
-/// How much of a file says what it is.
+/// This many bytes at the beginning of a file decide what the file is.
 const START: usize = 1 << 16;
 
 /// The files that these paths stand for; a folder stands for the files of its bag.

@@ -11,7 +11,7 @@ use crate::fault::Fault;
 const LIMIT: u64 = 31;
 const WINDOW: &str = "16";
 
-/// Why no header can be written.
+/// The reason why no header can be written.
 #[derive(Debug, Error)]
 enum HeaderAnswerError {
     #[error("--write-header asks for {0}, and the answers have ended; answer on standard input")]

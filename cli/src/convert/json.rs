@@ -10,7 +10,7 @@ use serde_json::value::RawValue;
 
 use crate::convert::row::{Cells, Place, Problem, ProblemKind, ReadRow, Row, Spot};
 
-/// How deep objects within objects are read.
+/// Objects within objects are read to this depth.
 const DEPTH: usize = 16;
 
 type Fields<'j> = BTreeMap<Cow<'j, str>, &'j RawValue>;

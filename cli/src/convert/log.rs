@@ -11,11 +11,12 @@ use crate::convert::time::{Id, shown};
 
 /// Decisions that only a strict trace has; there the order of lines has a meaning.
 const STRICT: [&str; 7] = ["offer", "timer", "refuse", "hold", "drop", "final", "cancel"];
-/// How far apart results may be before the later one is the last one: some clocks have whole milliseconds.
+/// Results that are less than this apart count as simultaneous, because some clocks have whole
+/// milliseconds.
 pub(super) const CLOCK_STEP: i128 = 1_000_000;
 /// No robot's messages come faster, or so slowly.
 const PERIODS: std::ops::RangeInclusive<i128> = 10_000..=3_600_000_000_000;
-/// With fewer messages there is too little evidence.
+/// A log with fewer messages has too little evidence.
 const FEW: usize = 3;
 const DAY: i128 = 86_400_000_000_000;
 const MINUTE: i128 = 60_000_000_000;
@@ -49,7 +50,7 @@ pub(super) struct Log {
     pub(super) has_ids: bool,
 }
 
-/// How a log's events stand in its file.
+/// The order of a log's events in its file.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub(super) enum LogKind {
     #[default]
@@ -338,7 +339,7 @@ impl Run {
         self.entries.iter().filter(move |entry| entry.ev == ev)
     }
 
-    /// How far apart messages open, from the shortest time.
+    /// Returns the times between opens, the shortest first.
     pub(super) fn periods(&self) -> Vec<i128> {
         let next = self.of("open").skip(1);
         let mut periods: Vec<i128> =

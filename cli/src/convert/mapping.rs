@@ -38,12 +38,12 @@ pub(super) struct Mapping<'a> {
     pub(super) units: BTreeMap<&'static str, Unit>,
     /// The texts that stand for no value.
     pub(super) missing: &'a [String],
-    /// How long requests have that do not say so.
+    /// The deadlines of requests that state none.
     pub(super) deadlines: &'a [(Option<String>, u64)],
     pub(super) sources: Sources,
     pub(super) names: Names,
     pub(super) notes: Notes,
-    /// How many events were left out as the user said.
+    /// The number of events that were left out at the user's request.
     pub(super) left_out: u64,
 }
 
@@ -51,7 +51,7 @@ pub(super) struct Mapping<'a> {
 #[derive(Debug)]
 pub(super) struct View<'a> {
     pub(super) kind: ViewKind,
-    /// Which topic's rows it reads; none if all.
+    /// The topic whose rows it reads, or `None` for all.
     pub(super) topic: Option<usize>,
     /// The event, if rows do not say so.
     pub(super) event: Option<&'static str>,
@@ -153,7 +153,7 @@ impl Mapping<'_> {
         Ok(Some(entry))
     }
 
-    /// Which event a row is; none if it is to be left out.
+    /// Returns the event of a row, or `None` if the row is to be left out.
     fn event_of(&mut self, row: &Row, view: &View<'_>) -> Result<Option<&'static str>, Problem> {
         if view.event.is_some() {
             return Ok(view.event);

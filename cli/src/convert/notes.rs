@@ -31,7 +31,7 @@ struct NameUse {
     values: Vec<String>,
 }
 
-/// How many values of a name are remembered.
+/// At most this many values of a name are remembered.
 const VALUES: usize = 6;
 
 impl Notes {

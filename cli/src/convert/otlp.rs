@@ -74,7 +74,7 @@ const WRAPPERS: [&str; 7] = [
 ];
 /// Names that spans of Jaeger or Zipkin have together.
 const OTHERS: [[&str; 2]; 2] = [["traceID", "operationName"], ["traceId", "localEndpoint"]];
-/// How deep wrappers lie within each other.
+/// Wrappers lie within each other at most to this depth.
 const DEPTH: usize = 64;
 
 /// The content of a file, span by span.

@@ -12,7 +12,7 @@ use crate::convert::json;
 use crate::convert::payload::cdr::CdrLayout;
 use crate::convert::row::Cells;
 
-/// How the messages of a channel are decoded.
+/// Decodes the messages of a channel.
 #[derive(Debug)]
 pub(super) enum PayloadDecoder {
     Json,

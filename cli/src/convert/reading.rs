@@ -49,7 +49,7 @@ pub(super) struct Understood {
     pub(super) unused: Vec<String>,
     /// All names in the log, with some of their values.
     pub(super) described: Vec<String>,
-    /// How many events were left out as the user said.
+    /// The number of events that were left out at the user's request.
     pub(super) left_out: u64,
 }
 
@@ -270,7 +270,8 @@ impl<'a> LogReader<'a> {
         Ok(entries)
     }
 
-    /// Why a row is refused: because a name that the user gave occurs nowhere, or for its own sake.
+    /// Says why a row is refused: a name that the user gave occurs nowhere, or the row itself is
+    /// wrong.
     fn explained(&mut self, problem: Problem, rows: &mut dyn Iterator<Item = ReadRow>) -> Problem {
         let ProblemKind::Lacks(name) = &problem.kind else { return problem };
         while !self.mapping.names.has(name) {

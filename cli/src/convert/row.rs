@@ -18,9 +18,9 @@ pub(super) type ReadRow = Result<Row, Problem>;
 pub(super) struct Row {
     pub(super) place: Place,
     pub(super) cells: Cells,
-    /// When it was recorded, if the recording says so beside the values.
+    /// The instant at which it was recorded, if the recording has it beside the values.
     pub(super) log_time: Option<u64>,
-    /// Which topic of a recording it is of.
+    /// The topic of the recording from which it comes.
     pub(super) topic: Option<usize>,
 }
 

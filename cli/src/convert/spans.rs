@@ -12,7 +12,7 @@ use crate::convert::role::{SpanOptions, SpanRole, has_status_code};
 use crate::convert::row::Problem;
 use crate::convert::time::{duration, shown};
 
-/// How many parents, or links of attempts, are followed.
+/// At most this many parents, or links of attempts, are followed.
 const DEPTH: usize = 64;
 
 const TWICE: &str = "spans exported twice; each was used once";

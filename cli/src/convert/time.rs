@@ -97,7 +97,8 @@ pub(super) fn instant(text: &str, unit: Unit) -> Result<Time, String> {
     })
 }
 
-/// What a message is called. A whole number is that number however it is written; ROS numbers messages by their stamps.
+/// Reads the id of a message. A whole number is that number however it is written; ROS numbers
+/// messages by their stamps.
 pub(super) fn id(text: &str) -> Result<Id, String> {
     if let Ok(number) = text.parse() {
         return Ok(Id::Number(number));

@@ -39,11 +39,12 @@ pub(super) struct TopicRows<'a> {
     pub(super) recording: Box<dyn Recording + 'a>,
     /// The topics, and how many messages each had.
     counts: Vec<(Arc<str>, u64)>,
-    /// How messages of the channels so far are decoded.
+    /// The decoders of the channels so far.
     payloads: Vec<(Rc<PayloadFormat>, PayloadDecoder)>,
 }
 
-/// Where a service's event was: its kinds are 0, a request sent, 1, it received, 2, a response sent, and 3, it received.
+/// The place of a service's event, as the event's kind: 0, a request was sent; 1, it was received;
+/// 2, a response was sent; 3, it was received.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Side {
     Client,
@@ -138,7 +139,8 @@ impl Iterator for TopicRows<'_> {
     }
 }
 
-/// Where a message was recorded that a topic means as this event; none if it means others of a service's events.
+/// Returns where the message was recorded, if the topic means it as this event, or `None` if the
+/// topic means others of a service's events.
 pub(super) fn side(topic: &str, event: Option<&str>, row: &Row) -> Option<Side> {
     let kind = row.cell("info.event_type").filter(|_| topic.ends_with("/_service_event"));
     let (client, server) = match event {

@@ -131,7 +131,7 @@ fn write_run(out: &mut dyn Write, header: &AnnotatedHeader, run: &Run) -> Result
 pub(super) struct RecordedTrace<'a> {
     file: &'a LogFile,
     messages: Messages<'a>,
-    /// Whether what stands before the end of a cut file is enough, and whether it was cut.
+    /// If true, a file that was cut off may end early.
     truncated: bool,
     /// The first event, if it came where a header was expected.
     first: Option<(Event, Annotations)>,

@@ -24,10 +24,12 @@ pub(super) struct DriveCase {
 /// All cases: the fixed ones are all driven, the generated ones up to the first difference.
 pub(super) struct Suite {
     pub(super) fixed: Vec<DriveCase>,
-    /// How many cases of the corpus are of another commit rule, or have more clouds, than are to be driven.
+    /// The number of the corpus's cases that are not driven, because they have another commit rule
+    /// or more clouds.
     pub(super) left_out: usize,
     pub(super) generator: Generate,
-    /// How many generated ones there are; until it is known, as many as there can be.
+    /// The number of generated cases. Until it is known, it is the greatest number that there can
+    /// be.
     pub(super) generated: u64,
 }
 
@@ -40,7 +42,7 @@ pub(super) enum CasePlace {
     Generated(u64),
 }
 
-/// Which generator makes the runs. A seed keeps its runs under each of them.
+/// The generator that makes the runs. A seed keeps its runs under each of them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(super) enum GeneratorVersion {
     /// Runs of a few hundred nanoseconds, every other one wide: it has more clouds and more inputs.
@@ -103,7 +105,7 @@ enum CaseKind {
     Varied,
 }
 
-/// How many generated cases the digest covers at most.
+/// The digest covers at most this many generated cases.
 const DIGESTED: u64 = 200;
 /// The most clouds of a run of the first generator that is not wide, by default.
 const NARROW_CLOUDS: u8 = 4;

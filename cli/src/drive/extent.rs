@@ -1,4 +1,4 @@
-//! How far runs went: what lies beyond was not driven.
+//! Records how far the runs went. Whatever lies beyond was not driven.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -9,7 +9,7 @@ use serde::Serialize;
 /// The extent of the runs that passed.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
 pub(super) struct DrivenExtent {
-    /// How many runs of each commit rule.
+    /// The number of runs of each commit rule.
     pub(super) commits: BTreeMap<&'static str, u64>,
     /// The most clouds registered.
     pub(super) clouds: usize,
@@ -21,9 +21,9 @@ pub(super) struct DrivenExtent {
     pub(super) filled: BTreeSet<u16>,
     /// The most inputs of one run.
     pub(super) inputs: usize,
-    /// How far the clock went forward at one input, in nanoseconds.
+    /// The steps by which the clock went forward at one input, in nanoseconds.
     pub(super) forward: Option<StepRange>,
-    /// How far an input's instant lay before the clock, in nanoseconds.
+    /// The steps by which an input's instant lay before the clock, in nanoseconds.
     pub(super) back: Option<StepRange>,
     /// The most results held for one timestamp at a time.
     pub(super) held: usize,
@@ -31,7 +31,7 @@ pub(super) struct DrivenExtent {
     pub(super) outputs: usize,
     /// The most inputs in a row while a gate was shut.
     pub(super) shut: usize,
-    /// How often a run had the header of the run before it.
+    /// The number of runs that had the header of the run before.
     pub(super) same_header: u64,
     /// The greatest number of each kind, in bits.
     pub(super) bits: NumberBits,
@@ -47,7 +47,7 @@ pub(super) struct StepRange {
     pub(super) greatest: u64,
 }
 
-/// How many bits the greatest number of each kind has.
+/// The number of bits of the greatest number of each kind.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub(super) struct NumberBits {
     pub(super) timestamps: u32,

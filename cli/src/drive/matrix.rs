@@ -8,7 +8,7 @@ use indicatif::HumanCount;
 use super::report::{CaseOutcome, DriveReport};
 use crate::exit::Exit;
 
-/// How much of the suite's digest is shown, in characters.
+/// The number of characters of the suite's digest that are shown.
 const DIGEST: usize = 16;
 
 /// The file of a table, and its format.

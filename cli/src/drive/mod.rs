@@ -39,7 +39,7 @@ use crate::fault::{Fault, plain};
 use crate::output::{self, Output};
 use crate::sink::OutputSink;
 
-/// Why a command cannot be driven.
+/// The reason why a command cannot be driven.
 #[derive(Debug, Error)]
 enum CommandError {
     #[error("--save {}: a file; name a folder", .path.display())]

@@ -13,7 +13,7 @@ use super::reach::DriveLimits;
 use crate::results::Files;
 use fuseline_evaluation::duration::{SHORTEST, duration};
 
-/// How many inputs generated runs have, unless options say otherwise.
+/// The number of inputs of generated runs, unless options say otherwise.
 const INPUTS: u64 = 400_000;
 
 #[derive(clap::Args)]

@@ -1,6 +1,6 @@
 //! The command under judgement: a process group of its own that gets one line at a time and has a bounded time to answer.
 //!
-//! What breaks the protocol is found here; whether decisions are right is compared in `trial`.
+//! This module finds what breaks the protocol. The module `trial` compares the decisions.
 
 use std::ffi::OsString;
 use std::io::{self, Read, Write};
@@ -20,13 +20,13 @@ use crate::interrupt::Interrupt;
 
 /// The line that ends an answer.
 const DONE: &[u8] = br#"{"ev":"done"}"#;
-/// How often a wait looks for Ctrl-C.
+/// A wait looks for Ctrl-C this often.
 const SLICE: Duration = Duration::from_millis(50);
-/// How much is read at once, in bytes.
+/// The number of bytes that are read at once.
 const CHUNK: usize = 64 * 1024;
-/// How long what closed its output may take to end.
+/// A command that closed its output may take this long to end.
 const ENDING: Duration = Duration::from_millis(500);
-/// How much of a line that cannot be read is shown, in characters.
+/// The number of characters that are shown of a line that cannot be read.
 const SHOWN: usize = 160;
 
 /// The running command. Dropping this kills it and all that it started in its group.
@@ -260,7 +260,7 @@ impl Peer {
         }
     }
 
-    /// How what closed its output ended.
+    /// Returns how the command ended after it closed its output.
     fn disconnected(&mut self) -> ProtocolViolation {
         let until = Instant::now() + ENDING;
         while !self.has_ended() {
@@ -272,7 +272,7 @@ impl Peer {
         self.reap().map_or(ProtocolViolation::Closed, ProtocolViolation::Ended)
     }
 
-    /// How the command ended, which it has; what it started is ended too.
+    /// Returns how the command ended, once it has ended. Processes that it started are ended too.
     fn reap(&mut self) -> Option<ExitStatus> {
         self.kill();
         self.reaped = true;

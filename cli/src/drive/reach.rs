@@ -10,9 +10,10 @@ use serde::Serialize;
 use super::case::{GeneratorVersion, Suite};
 use super::extent::{DrivenExtent, StepRange};
 
-/// How long a pause, or a step of the clock back, is driven at least, in nanoseconds: an hour.
+/// A pause, or a step of the clock back, must be at least this long to count as driven, in
+/// nanoseconds: an hour.
 const HOUR: u64 = 3_600_000_000_000;
-/// How many inputs in a row a gate is shut at least.
+/// A gate must be shut for at least this many inputs in a row.
 const SHUT: usize = 1_000;
 /// A run of more inputs overflows a count of 16 bits.
 const COUNTED: usize = 65_536;

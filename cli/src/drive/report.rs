@@ -21,9 +21,9 @@ use super::text;
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
 
-/// How many failed cases are named.
+/// At most this many failed cases are named.
 const NAMED: usize = 5;
-/// How many lines of a run are shown in words.
+/// At most this many lines of a run are shown in words.
 const LINES: usize = 16;
 /// Lines are at most so many columns wide.
 const WIDTH: usize = 96;
@@ -32,7 +32,7 @@ const INDENT: &str = "            ";
 /// The kind of an answer.
 const EXPECTED: &str =
     "its decisions, one a line, then {\"ev\":\"done\"}; nothing else goes to standard output";
-/// Why cases were not tried.
+/// The reason why cases were not tried.
 const GAVE_UP: &str =
     "it does not answer by the protocol, so no other case was tried; mend that first";
 
@@ -46,7 +46,7 @@ pub(super) struct DriveReport {
     /// The fixed cases in their order, with what became of each.
     pub(super) fixed: Vec<(String, CaseOutcome)>,
     pub(super) limits: DriveLimits,
-    /// How many generated runs passed, from the first on.
+    /// The number of generated runs that passed, from the first one on.
     pub(super) passed: u64,
     /// Their inputs.
     pub(super) passed_inputs: u64,
@@ -79,7 +79,7 @@ pub(super) enum CaseOutcome {
 /// A finding, in its smallest run.
 pub(super) struct ReportedFinding {
     pub(super) case: String,
-    /// How many inputs its case has.
+    /// The number of inputs of its case.
     pub(super) of: usize,
     pub(super) finding: DriveFinding,
     pub(super) need: Need,
@@ -273,7 +273,7 @@ impl DriveReport {
         missing(&self.suite, self.limits, &self.extent, &self.reach)
     }
 
-    /// The same in a line, by the options that reach it.
+    /// Says in one line what lies beyond, by the options that reach it.
     fn beyond(&self) -> String {
         let mut by_option: Vec<(String, Vec<String>)> = Vec::new();
         for NotDriven { what, option } in self.not_driven() {
@@ -293,12 +293,12 @@ impl DriveReport {
         }
     }
 
-    /// Why the verdict is not whole, if Ctrl-C ended it before a difference.
+    /// Says why the verdict is not whole, if Ctrl-C ended the command before a difference.
     pub(super) fn unfinished(&self) -> Option<String> {
         (self.exit() == Exit::BadInput).then(|| format!("interrupted; {}", self.summary()))
     }
 
-    /// How many cases pass, in a line.
+    /// Says in one line how many cases pass.
     pub(super) fn summary(&self) -> String {
         let generated =
             if self.suite.generated > 0 { self.generated_line() } else { String::new() };

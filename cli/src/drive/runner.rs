@@ -20,13 +20,13 @@ use super::trial::{Bench, DriveStop, SentCase};
 use crate::diagnostics::print_line;
 use crate::interrupt::Interrupt;
 
-/// How often progress is printed when there is no terminal.
+/// Progress is printed this often if there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
 /// After so many cases in a row to which the command did not answer by the protocol, no other is tried.
 const PATIENCE: usize = 3;
 
-/// How telling a difference is, the most telling first: whether its case is of another rule, and how long
-/// the trace is.
+/// Ranks differences, the most telling one first: by whether the case is of another rule, then by
+/// the length of the trace.
 type DifferenceRank = (bool, usize);
 
 /// A difference in a case, and what its process was sent before.
@@ -36,7 +36,7 @@ struct CaseDifference {
     sent: Vec<SentCase>,
 }
 
-/// Whether driving more cases makes sense.
+/// Says whether it makes sense to drive more cases.
 enum DriveProgress {
     All,
     Enough,
@@ -48,7 +48,7 @@ pub(super) struct CaseRunner<'a> {
     bench: Bench,
     bar: ProgressBar,
     since: Instant,
-    /// When progress was last printed, if there is no bar.
+    /// The instant at which progress was last printed, if there is no bar.
     reported: Instant,
     pub(super) report: DriveReport,
 }
@@ -184,7 +184,7 @@ impl<'a> CaseRunner<'a> {
         Ok(finding.map(|finding| CaseDifference { case, finding, sent }))
     }
 
-    /// How far it is, for a log.
+    /// Returns the progress as a line for a log.
     fn progress(&self) -> String {
         let report = &self.report;
         let runs = HumanCount(report.runs());

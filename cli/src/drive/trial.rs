@@ -15,9 +15,9 @@ use super::case::CasePlace;
 use super::peer::{Peer, PeerError, ProtocolViolation};
 use crate::interrupt::Interrupt;
 
-/// How many lines more than the rules demand are read.
+/// At most this many lines beyond those that the rules demand are read.
 const MORE: usize = 1000;
-/// How many lines are read as an answer that is not compared.
+/// At most this many lines of an answer are read that is not compared.
 const FED: usize = 100_000;
 
 /// The command: started for the first run, and again after it misbehaved.
@@ -34,7 +34,7 @@ pub(super) struct Bench {
     has_answered: bool,
     /// The runs that the current process got before, in order.
     sent: Vec<SentCase>,
-    /// How many inputs were answered.
+    /// The number of inputs that were answered.
     pub(super) inputs: u64,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Bench {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct SentCase {
     pub(super) place: CasePlace,
-    /// How many of its inputs: all, unless one was answered wrongly.
+    /// The number of its inputs that were sent: all, unless one was answered wrongly.
     pub(super) inputs: usize,
 }
 
@@ -58,11 +58,11 @@ pub(super) enum Comparison {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Transcript {
     pub(super) header: Header,
-    /// With what results and emits say of their values.
+    /// The events, with the keys of values that results and emits have.
     pub(super) events: Vec<(Event, ValueKeys)>,
 }
 
-/// Why driving ends before its time.
+/// The reason why driving ends early.
 pub(super) enum DriveStop {
     /// Ctrl-C.
     Interrupted,
@@ -139,7 +139,7 @@ impl Bench {
         Ok(self.settle(fed)?.is_ok())
     }
 
-    /// What an exchange came to: a misbehaving command is started again for the next run.
+    /// Settles an exchange. A misbehaving command is started again for the next run.
     fn settle<T>(
         &mut self,
         outcome: Result<T, Interrupted>,
@@ -237,8 +237,8 @@ impl Bench {
     }
 }
 
-/// What a result says of its value: its message, or nothing. So a command that copies the keys from the call is found, and one that takes
-/// those of another result.
+/// Returns the keys of a result's value: its message, or nothing. This finds a command that copies
+/// the keys from the call, and one that takes the keys of another result.
 fn value(input: &Input) -> ValueKeys {
     let Input::Result { at, t, p } = *input else { return ValueKeys::default() };
     let drawn = at.wrapping_add(t).wrapping_add(p);

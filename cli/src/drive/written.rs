@@ -32,13 +32,13 @@ pub(super) struct WrittenReport {
     pub(super) found: Vec<WrittenFinding>,
     /// The command's misbehaviour at the end of its input.
     pub(super) at_end: Option<String>,
-    /// How far the runs that passed went.
+    /// The extent of the runs that passed.
     pub(super) extent: DrivenExtent,
     /// The parts that were not driven, with the options that reach them.
     pub(super) not_driven: Vec<NotDriven>,
     pub(super) inputs: u64,
     pub(super) seconds: f64,
-    /// How often each rule, reason, pair, outcome and edge was met.
+    /// The number of times that each rule, reason, pair, outcome and edge was met.
     pub(super) reached: BTreeMap<String, u64>,
 }
 
@@ -50,7 +50,8 @@ pub(super) struct WrittenSuite {
     pub(super) hash: String,
     pub(super) generator: u8,
     pub(super) seed: u64,
-    /// How many cases of the corpus are of another commit rule, or have more clouds, than were to be driven.
+    /// The number of the corpus's cases that were not driven, because they have another commit rule
+    /// or more clouds.
     pub(super) left_out: usize,
     /// The commit rule of generated runs, or all.
     pub(super) commit: &'static str,
@@ -73,7 +74,7 @@ pub(super) struct GeneratedRuns {
     pub(super) passed: u64,
     /// The inputs of those that passed.
     pub(super) inputs: u64,
-    /// The one that did not pass.
+    /// The case that did not pass.
     pub(super) failed: Option<String>,
 }
 
@@ -82,7 +83,7 @@ pub(super) struct GeneratedRuns {
 pub(super) struct WrittenFinding {
     pub(super) case: String,
     pub(super) inputs: usize,
-    /// How many inputs the run had at first.
+    /// The number of inputs that the run had at first.
     pub(super) of: usize,
     pub(super) violation: Option<Violation>,
     /// The breach of the protocol.

@@ -16,7 +16,7 @@ type FrameKey = (String, u64);
 pub(super) struct Frames {
     /// By their frame, the first message of each trace that comes from it: the trace, its timestamp and when it was opened.
     shared: BTreeMap<FrameKey, SharedFrame>,
-    /// How much is added to the instants of each trace.
+    /// The offset that is added to the instants of each trace.
     offsets: Vec<i128>,
     /// `true` if nothing was written yet.
     is_first: Cell<bool>,
@@ -35,7 +35,7 @@ struct FrameMessage {
     trace: usize,
     t: u64,
     opened: u64,
-    /// When it was captured by its trace's clock, if its age is known.
+    /// The instant of its capture by its trace's clock, if its age is known.
     captured: Option<i128>,
 }
 

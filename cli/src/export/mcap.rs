@@ -29,7 +29,7 @@ impl<W: Write + Seek> TraceViewer for McapWriter<W> {
     }
 }
 
-/// Why the file could not be written.
+/// Returns why the file could not be written.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,

@@ -73,7 +73,7 @@ struct Viewer {
     otlp: bool,
 }
 
-/// Why several traces cannot be exported.
+/// The reason why several traces cannot be exported.
 #[derive(Debug, thiserror::Error)]
 enum SeveralTraces {
     #[error("MCAP and OTLP take one trace; export each to a file of its own")]

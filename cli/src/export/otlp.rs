@@ -47,7 +47,7 @@ struct MessageSpan {
     span_id: String,
     start: u64,
     attributes: SpanAttributes,
-    /// Of the last output under progressive, and when it was sent.
+    /// Under progressive, the source of the last output, and the instant at which it was sent.
     by: Option<(u64, u64)>,
     /// The requests.
     asked: BTreeSet<(u64, Option<u8>)>,
@@ -79,7 +79,7 @@ struct EndedSpan<'a> {
     attributes: &'a SpanAttributes,
 }
 
-/// How a span ended.
+/// The end of a span.
 #[derive(Clone, Copy)]
 enum SpanEnd {
     Result(ValueKeys),
@@ -300,7 +300,8 @@ impl<W: Write> SpanWriter<W> {
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    /// What is not awaited any more when its message ends; without an instant the trace ends first.
+    /// Ends the calls that are not awaited any more when their message ends. Without an instant,
+    /// the trace ends first.
     fn end_open_calls(&mut self, at: Option<u64>, t: u64) -> io::Result<()> {
         let Some(message) = self.open.get(&t) else { return Ok(()) };
         let calls: Vec<_> = message.calls.keys().copied().collect();

@@ -59,7 +59,7 @@ struct SourceTrack {
 #[derive(Clone, Copy)]
 struct Track {
     number: u32,
-    /// When the last slice ended; none while it has not.
+    /// The instant at which the last slice ended, or `None` while it has not.
     free: Option<u64>,
 }
 
@@ -68,7 +68,7 @@ struct Track {
 struct Slice {
     at: u64,
     due: Option<u64>,
-    /// Which of its source's tracks it is on.
+    /// The index of the track on which it is, among its source's tracks.
     track_index: usize,
 }
 

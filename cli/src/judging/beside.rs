@@ -11,9 +11,9 @@ use fuseline_traces::{Annotations, Event, Events};
 use crate::fault::Fault;
 use crate::judging::{TraceEnd, TraceStep, next_event};
 
-/// How many lines pass from one thread to the other at once.
+/// The number of lines that pass from one thread to the other at once.
 const BATCH: usize = 2048;
-/// How many batches wait to be judged, before reading waits.
+/// Reading waits while this many batches wait to be judged.
 const WAITING: usize = 4;
 
 /// A line as it was read.

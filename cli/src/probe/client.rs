@@ -9,18 +9,18 @@ use tokio::time::{Instant, interval, sleep_until, timeout};
 
 use crate::probe::log::ProbeLog;
 
-/// How long calls that are under way are waited for once the user ends the probe.
+/// Calls that are under way are awaited for this long once the user ends the probe.
 const GRACE: Duration = Duration::from_secs(1);
-/// How often what is known is written, so that little is lost if the probe is killed.
+/// The rows so far are written this often, so that little is lost if the probe is killed.
 const WRITES: Duration = Duration::from_millis(500);
 
-/// When the probe sends.
+/// The instants at which the probe sends.
 pub(crate) struct Schedule {
     /// Slots a second.
     pub(crate) rate: f64,
-    /// How many; none until the user ends it.
+    /// The number of slots, or `None` to send until the user ends it.
     pub(crate) slots: Option<u64>,
-    /// How long a call may take before it counts as failed.
+    /// A call that takes longer counts as failed.
     pub(crate) give_up: Duration,
 }
 

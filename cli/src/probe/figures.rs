@@ -19,7 +19,7 @@ pub(crate) struct Spread {
     never: u64,
 }
 
-/// How many of what.
+/// The counts of requests by what became of them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub(crate) struct RequestCounts {
     /// Slots that came: sent, skipped or missed.
@@ -46,8 +46,8 @@ pub(crate) struct Figures {
     pub(crate) paused: Duration,
     /// Round trips of answers.
     pub(crate) answers: Spread,
-    /// The same over slots: one that was skipped took until the pause's end, and what failed never
-    /// ended.
+    /// The response times over slots: a skipped slot took until the pause's end, and a failed one
+    /// never ended.
     pub(crate) slots: Spread,
 }
 

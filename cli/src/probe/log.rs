@@ -22,7 +22,7 @@ pub(crate) struct ProbeLog<W: Write> {
 
 /// A pause that goes on.
 struct Pause {
-    /// When its first slot was due.
+    /// The instant at which its first slot was due.
     first: Duration,
     skipped: u32,
 }

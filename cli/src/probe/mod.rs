@@ -44,10 +44,10 @@ pub(crate) use crate::probe::options::Args;
 
 /// The default name of the recording.
 const RECORDING: &str = "fuseline-probe.csv";
-/// How long the server may take for its first answer.
+/// The server may take this long for its first answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Why there is nothing to measure, or nowhere to write it.
+/// The reason why there is nothing to measure, or nowhere to write it.
 #[derive(Debug, Error)]
 enum ProbeError {
     #[error("{url}: {}", chain(.source))]
@@ -188,7 +188,7 @@ async fn warn_of_model(url: &str, connection: Connection) {
     ));
 }
 
-/// Whether rows can be written there.
+/// Checks that rows can be written there.
 fn check_csv(csv: &Path, args: &Args) -> Result<(), Fault> {
     if crate::input::is_standard(csv) {
         return Err(ProbeError::Stdout.into());

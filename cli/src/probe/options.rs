@@ -139,7 +139,7 @@ impl Args {
         all.into_iter().flatten().map(PathBuf::as_path).collect()
     }
 
-    /// How many requests are due in all.
+    /// Returns the number of requests that are due in all.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -1,4 +1,4 @@
-//! When the probe sends: at every slot, unless too much is unanswered.
+//! Decides when the probe sends: at every slot, unless too much is unanswered.
 
 /// A slot with more unanswered than this starts a pause, as in the paper's drive.
 pub(crate) const QUEUED: usize = 30;

@@ -35,7 +35,7 @@ pub(crate) struct PlotRow {
     pub(crate) is_pause: bool,
 }
 
-/// Why a recording cannot be plotted.
+/// The reason why a recording cannot be plotted.
 #[derive(Debug, Error)]
 enum RecordingError {
     #[error("{name}:{}: {}; give a recording of fuseline probe", .source.line, described(.source))]

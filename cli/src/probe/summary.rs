@@ -31,7 +31,7 @@ pub(crate) struct ProbeSummary {
     paused_ms: f64,
     /// Round trips of answers.
     answers_ms: QuantileRow,
-    /// The same over all slots.
+    /// The response times over all slots.
     slots_ms: QuantileRow,
     /// The paper's.
     paper_ms: TripQuantiles,

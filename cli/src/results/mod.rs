@@ -43,7 +43,7 @@ pub(crate) struct Subject {
     pub(crate) problems: Vec<Problem>,
 }
 
-/// How much a problem counts.
+/// The weight of a problem.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Level {
     /// It breaks a rule.

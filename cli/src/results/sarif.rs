@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::results::{Level, Problem, Subject, rules};
 
-/// What a path's characters become in a URI, but for those that may stand there.
+/// The characters of a path that are percent-encoded in a URI.
 const PATH: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'/').remove(b'-').remove(b'_').remove(b'.').remove(b'~');
 
@@ -55,7 +55,7 @@ fn result(problem: &Problem, places: &BTreeMap<&str, usize>) -> Value {
     })
 }
 
-/// Why a trace was not judged.
+/// Returns why a trace was not judged.
 fn notification(judged: &Subject) -> Option<Value> {
     let why = judged.verdict.as_ref().err()?;
     let locations = [location(&judged.name, None)];

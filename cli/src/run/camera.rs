@@ -26,9 +26,9 @@ use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
 /// The origin of its frames in the trace.
 const STREAM: &str = "camera";
-/// How often it is checked whether local has caught up.
+/// The command checks this often whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-/// How often it is checked whether there is room for a frame that waits.
+/// The command checks this often whether there is room for a frame that waits.
 const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
@@ -200,7 +200,7 @@ impl Camera<'_> {
     }
 }
 
-/// Why the operator could not be started.
+/// Returns why the operator could not be started.
 fn cannot_spawn(error: SpawnError) -> Fault {
     match error {
         SpawnError::Trace { path, error } => {

@@ -1,4 +1,4 @@
-//! Which clouds a run has, and what `--cloud`, `--drive` and `--start` say about them.
+//! The clouds of a run, and the options `--cloud`, `--drive` and `--start`.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -27,7 +27,7 @@ pub(crate) enum CloudAddress {
     Remote { model: Option<Model>, remote: RemoteServer },
 }
 
-/// How to reach a server elsewhere.
+/// The address of a server elsewhere, and how to reach it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct RemoteServer {
     pub(crate) url: String,

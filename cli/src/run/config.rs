@@ -18,7 +18,7 @@ struct ConfigFile {
     cloud: Vec<Spanned<BTreeMap<Spanned<String>, Value>>>,
 }
 
-/// Why a file gives no clouds.
+/// The reason why a file gives no clouds.
 #[derive(Debug, Error)]
 pub(crate) enum CloudFileError {
     #[error(transparent)]

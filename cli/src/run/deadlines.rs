@@ -1,4 +1,5 @@
-//! How long the clouds may take, message by message: a policy of `fuseline-deadline` for each, with accuracy as its loss.
+//! Chooses the clouds' deadlines message by message: each cloud has a policy of
+//! `fuseline-deadline`, with accuracy as its loss.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -9,10 +10,11 @@ use fuseline_tokio::deadline::{Accuracy, Chosen, End, Expected, Policy, Situatio
 use crate::run::plan::RunPlan;
 use fuseline_evaluation::models::Model;
 
-/// How many ends of calls to a cloud are remembered: 3.2 s at ten frames a second. The libraries' default of 64, about two
-/// seconds at 30, would wait twice as long here before a cloud counts as gone.
+/// The number of ended calls to a cloud that are remembered: 3.2 s at ten frames a second. The
+/// libraries' default of 64 covers about two seconds at 30, so here a cloud would count as gone
+/// only after twice that time.
 const CALLS: usize = 32;
-/// What a cloud's result counts above local's where one of the two has no figure, in points of AP.
+/// The gain of a cloud's result over local's if one of the two has no figure, in points of AP.
 const UNKNOWN_GAIN: f64 = 5.0;
 
 /// Chooses the deadlines of all clouds, each time a message comes. Clones are the same one.
@@ -91,7 +93,7 @@ impl RunDeadlines {
         Box::new(CloudDeadline { deadlines: self.clone(), index })
     }
 
-    /// How long calls must linger to be seen until the longest deadline.
+    /// Returns how long calls must linger to be seen until the longest deadline.
     pub(crate) fn linger(&self) -> Duration {
         self.state().linger
     }

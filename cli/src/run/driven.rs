@@ -10,6 +10,6 @@ pub(crate) struct RunMetadata {
     pub(crate) tally: Tally,
     /// `true` if the user ended it.
     pub(crate) interrupted: bool,
-    /// Why the trace ends before the run does, if so.
+    /// The reason why the trace ends before the run does, if it does.
     pub(crate) recording_error: Option<String>,
 }

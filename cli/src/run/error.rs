@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::fault::{Fault, chain, plain};
 
-/// Why a run cannot begin, or has no whole trace.
+/// The reason why a run cannot begin, or has no whole trace.
 #[derive(Debug, Error)]
 pub(super) enum RunError {
     #[error("cloud {cloud:?}: {}", chain(.source))]

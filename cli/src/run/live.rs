@@ -76,7 +76,7 @@ fn state(tally: &Tally) -> String {
     format!("{messages}, {} missed, {refused} refused; forwarded {forwarded}", tally.missed)
 }
 
-/// Why the trace ends before its run: without its name and the system's number.
+/// Says why the trace ends before its run, without the trace's name and the system's error number.
 pub(crate) fn recording_error(trace: &Path, why: &str) -> String {
     let name = trace.display().to_string();
     let why = why.strip_prefix(&name).and_then(|why| why.strip_prefix(": ")).unwrap_or(why);

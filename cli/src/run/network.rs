@@ -23,7 +23,7 @@ pub(crate) struct Network {
     pub(crate) connections: Vec<Connection>,
     /// The servers of the emulated clouds, each on its own port; they end with this.
     pub(crate) servers: JoinSet<Result<(), grpc::ServeError>>,
-    /// When the emulated drives began.
+    /// The instant at which the emulated drives began.
     pub(crate) began: Arc<OnceLock<Instant>>,
 }
 

@@ -23,7 +23,7 @@ use fuseline_evaluation::models::Model;
 
 /// The default name of the trace.
 pub(crate) const TRACE: &str = "fuseline-trace.jsonl";
-/// How many messages a run may have; each is remembered for the policies.
+/// A run may have at most this many messages, because each is remembered for the policies.
 const MESSAGES: u64 = 1_000_000;
 
 #[derive(clap::Args)]
@@ -47,11 +47,11 @@ Examples:
   fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051
   fuseline run --config fuseline.toml")]
 pub(crate) struct Args {
-    /// How long the camera runs, up to a day.
+    /// The time that the camera runs, at most a day.
     #[arg(long = "for", value_name = "TIME", default_value = "30s", value_parser = span, allow_hyphen_values = true,
         alias = "seconds")]
     span: Duration,
-    /// How many frames the camera takes a second, 0.1 to 1000.
+    /// The number of frames that the camera takes each second, 0.1 to 1000.
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate,
         allow_negative_numbers = true)]
     rate: f64,
@@ -59,17 +59,17 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = deadline,
         allow_hyphen_values = true)]
     deadline: u64,
-    /// How each request's deadline is chosen, up to that.
+    /// Chooses the deadline of each request, up to --deadline.
     #[arg(long, value_enum, default_value = "expected")]
     policy: DeadlinePolicy,
     /// The price of a millisecond of waiting, in points of AP, for --policy expected: 0 to 1.
     #[arg(long, value_name = "AP", default_value = "0.01", value_parser = price,
         allow_negative_numbers = true)]
     price_per_ms: f64,
-    /// When results are forwarded.
+    /// The commit rule, which says when results are forwarded.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
-    /// How many messages may be open at once, 1 to 1024.
+    /// The number of messages that may be open at once, 1 to 1024.
     #[arg(long, value_name = "N", default_value = "16",
         allow_negative_numbers = true,
         value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -81,11 +81,12 @@ pub(crate) struct Args {
     /// figures, or to describe a model of your own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
-    /// How many messages local computes at once, 1 to 1024.
+    /// The number of messages that local computes at once, 1 to 1024.
     #[arg(long, value_name = "N", default_value = "4", value_parser = workers,
         allow_negative_numbers = true)]
     workers: NonZero<usize>,
-    /// How many calls to one cloud may be under way at once, 1 to 1024; further requests wait.
+    /// The number of calls to one cloud that may be under way at once, 1 to 1024; further requests
+    /// wait.
     #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
         allow_negative_numbers = true)]
     calls: NonZero<usize>,
@@ -101,7 +102,7 @@ pub(crate) struct Args {
     /// Another drive for a cloud; repeatable.
     #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
     drives: Vec<NamedValue<String>>,
-    /// Where a cloud's drive begins; repeatable.
+    /// The instant at which a cloud's drive begins; repeatable.
     #[arg(long = "start", value_name = "CLOUD=TIME")]
     starts: Vec<NamedValue<Duration>>,
     #[command(flatten)]
@@ -141,9 +142,9 @@ pub(crate) enum DeadlinePolicy {
 /// The commit rule (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum CommitRule {
-    /// With the first cloud's timer that fires.
+    /// Forwards the best result when the first cloud's timer fires.
     Eager,
-    /// When nothing better can come.
+    /// Forwards the best result when nothing better can come.
     Patient,
     /// Each better one at once.
     Progressive,
@@ -166,7 +167,7 @@ pub(crate) struct RunPlan {
     pub(crate) seed: u64,
     pub(crate) local: Model,
     pub(crate) workers: usize,
-    /// How many calls to one cloud may be under way at once.
+    /// The number of calls to one cloud that may be under way at once.
     pub(crate) calls: usize,
     /// In the order given.
     pub(crate) clouds: Vec<CloudPlan>,
@@ -196,7 +197,7 @@ pub(crate) enum CloudServer {
     Remote(RemoteServer),
 }
 
-/// Why options do not make a run.
+/// The reason why options do not make a run.
 #[derive(Debug, Error)]
 pub(crate) enum PlanError {
     #[error(transparent)]
@@ -289,7 +290,7 @@ impl RunPlan {
         self.clouds.iter().filter_map(CloudPlan::emulation).find(|cloud| cloud.drive.has_rates())
     }
 
-    /// How long a cloud may take at most.
+    /// Returns the longest time that a cloud may take.
     pub(crate) const fn deadline(&self) -> Duration {
         Duration::from_millis(self.deadline_ms)
     }

@@ -1,4 +1,4 @@
-//! When each request was sent: it waits until a call to its cloud may begin.
+//! Finds when each request was sent: it waits until a call to its cloud may begin.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
@@ -53,8 +53,8 @@ impl Queues {
         queue.send(at, self.at_once);
     }
 
-    /// When the request for a timestamp was sent. One that was ended before counts as sent then: its
-    /// turn would have come no sooner.
+    /// Returns when the request for a timestamp was sent. A request that was ended before counts as
+    /// sent then, because its turn would not have come sooner.
     pub(crate) fn sent(&self, cloud: usize, t: u64) -> Option<u64> {
         self.clouds.get(cloud)?.1.sent.get(&t).copied()
     }

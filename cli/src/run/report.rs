@@ -34,7 +34,7 @@ pub(crate) struct RunReport {
     pub(crate) rate: f64,
     /// The longest.
     pub(crate) deadline_ms: u64,
-    /// How each message's is chosen.
+    /// The policy that chooses each message's deadline.
     pub(crate) policy: &'static str,
     /// The price of a millisecond of waiting, in points of AP; `None` if it has none.
     pub(crate) price_per_ms: Option<f64>,
@@ -53,7 +53,7 @@ pub(crate) struct RunReport {
     pub(crate) open: u64,
     #[serde(skip)]
     pub(crate) totals: Totals,
-    /// How long after its due instant a timer was served at most; none if none fired.
+    /// The longest time after its due instant at which a timer was served; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
     /// Messages that some cloud would not have answered by the longest deadline.
     pub(crate) outage_messages: BoundedFigure<u64>,
@@ -74,8 +74,8 @@ pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
     pub(crate) model: Option<String>,
-    /// Why its server did not say what it serves, if it did not: then the model is what the user
-    /// said.
+    /// The reason why its server did not say what it serves. Then the model is the one that the
+    /// user named.
     pub(crate) unsaid: Option<String>,
     /// `true` if its runtime and its network are emulated.
     pub(crate) emulated: bool,
@@ -83,11 +83,11 @@ pub(crate) struct SourceReport {
     pub(crate) drive: Option<String>,
     /// Messages answered with its result.
     pub(crate) forwarded: u64,
-    /// The same as a part of all messages.
+    /// `forwarded` as a share of all messages.
     pub(crate) share: f64,
     /// The outcomes of its offers, by name.
     pub(crate) requests: BTreeMap<&'static str, u64>,
-    /// Why it failed, and how often for that reason.
+    /// The reasons why it failed, each with its count.
     pub(crate) failures: BTreeMap<String, u64>,
     /// A remedy for the failures.
     #[serde(skip)]
@@ -279,7 +279,7 @@ fn policies(
     compared(plan).into_iter().map(report).collect()
 }
 
-/// How many messages are in outages.
+/// Counts the messages that are in outages.
 fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64> {
     messages.iter().fold(BoundedFigure::exactly(0), |sum, message| {
         let is_lost = message.is_in_outage(deadline);
@@ -313,7 +313,7 @@ fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
     policies
 }
 
-/// Why a source failed, and how often.
+/// Returns the reasons why a source failed, each with its count.
 fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
     let reasons = &tally.reasons;
     let others = Some(("other reasons", reasons.others())).filter(|(_, count)| *count > 0);

@@ -9,7 +9,8 @@ pub(super) struct SentBytes {
     sent: Vec<u64>,
     /// Had fusion cancelled none, each would have cost what those cost that were begun.
     needed: Vec<u64>,
-    /// What was answered was sent whole; of the rest the means may lack a part.
+    /// For each source, whether all bytes are known. An answered request was sent whole; of another
+    /// one a part may be missing.
     is_whole: Vec<bool>,
 }
 

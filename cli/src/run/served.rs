@@ -1,4 +1,5 @@
-//! What a cloud serves: as this process emulates it, as its server says, or else as the user said.
+//! The model that a cloud serves: the one that this process emulates, the one that the server
+//! names, or the one that the user named.
 
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use tokio::time::timeout;
 use crate::emulation::Emulation;
 use fuseline_evaluation::models::Model;
 
-/// How long a server may take to say what it serves.
+/// A server may take this long to say what it serves.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The model that a cloud serves, as far as that is known.
@@ -17,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub(crate) struct Served {
     /// The model as people call it.
     pub(crate) model: Option<String>,
-    /// How long it usually takes.
+    /// The usual runtime of the model.
     pub(crate) runtime: Option<Duration>,
     /// Its box AP on COCO.
     pub(crate) ap: Option<f64>,
@@ -25,7 +26,8 @@ pub(crate) struct Served {
     pub(crate) drive: Option<String>,
     /// `true` if its runtime is emulated.
     pub(crate) emulated: bool,
-    /// Why its server did not say so; then it is what the user said.
+    /// The reason why its server did not name the model. Then the model is the one that the user
+    /// named.
     pub(crate) describe_error: Option<String>,
 }
 

@@ -21,7 +21,7 @@ const POLICY_COLUMNS: [&str; 8] =
 const OUTAGE: Duration = Duration::from_secs(1);
 /// The column of requests that are open as the run ends.
 const OPEN: usize = 6;
-/// How many outages of one cloud are shown.
+/// At most this many outages of one cloud are shown.
 const OUTAGES: usize = 4;
 
 /// A line below the header and no other.
@@ -248,7 +248,7 @@ impl RunReport {
         RunNotes { configuration: configuration(plan), policies, caveats }
     }
 
-    /// Why sources failed, a line each.
+    /// Says why sources failed, one line for each.
     fn failures(&self) -> String {
         let mut lines = String::new();
         for SourceReport { name, failures, hint, .. } in &self.sources {
@@ -342,7 +342,8 @@ fn outwards(bound: f64, round: fn(f64) -> f64) -> f64 {
     round(bound * 10.0) / 10.0
 }
 
-/// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
+/// Tabulates who answered, and what became of the requests, with the words of the statistics;
+/// `name` returns the name of a source.
 pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> String) -> Table {
     // Most traces end with all decided.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
@@ -391,7 +392,7 @@ fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
     rows
 }
 
-/// When clouds are out of reach, in one line; nothing if none is known to be.
+/// Says in one line when clouds are out of reach. Empty if none is known to be.
 fn outages(plan: &RunPlan) -> String {
     let of = |cloud: &CloudPlan| {
         let emulation = cloud.emulation()?;

@@ -15,9 +15,9 @@ pub struct Evaluation {
 /// Two evaluations that differ in a condition and in the outcome, and in no other condition that both evaluated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IndependencePair<'a> {
-    /// With the condition true.
+    /// The evaluation with the condition true.
     pub holds: &'a Evaluation,
-    /// With it false.
+    /// The evaluation with the condition false.
     pub fails: &'a Evaluation,
 }
 

@@ -24,7 +24,7 @@ use crate::uncatchable::UncatchableFaults;
 /// The groups that take longest. A fault is first tried with the others.
 const SLOWEST_GROUPS: [&str; 2] = ["fusion", "wait"];
 
-/// What to prove, and with which tools.
+/// The harnesses to prove, and the tools to prove them with.
 pub(crate) struct ProofRun<'a> {
     pub(crate) tree: &'a Path,
     pub(crate) root: &'a Path,

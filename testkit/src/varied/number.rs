@@ -5,7 +5,7 @@ use crate::draw::Draw;
 
 /// The widths, in bits, at which numbers are cut off or rounded.
 const POWERS: [u32; 7] = [4, 8, 16, 31, 32, 53, 63];
-/// How far back a step usually looks for a timestamp or a request.
+/// A step usually looks back at most this many timestamps or requests.
 const RECENT: usize = 12;
 
 /// Returns the first timestamp of a run: 0, a small one, or one at which a number of fewer bits ends.

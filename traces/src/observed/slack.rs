@@ -1,8 +1,8 @@
-//! How far recorded instants may be off, source by source, and how late an implementation may act.
+//! The error of recorded instants, source by source, and the time by which an implementation may act late.
 
 use std::collections::BTreeMap;
 
-/// How far a recorded instant may be off, and how late an implementation may act, in nanoseconds.
+/// The greatest error of a recorded instant, and the time by which an implementation may act late, in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Slack {
     /// The error of every recorded instant, in either direction.

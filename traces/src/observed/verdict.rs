@@ -22,7 +22,7 @@ pub struct Verdict {
     pub lines: u64,
     /// The doubts that are left.
     pub doubts: Vec<Doubt>,
-    /// The one cause that explains most violations, if there is one.
+    /// The cause that explains most violations, if one cause does.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
     /// The violations, up to 100.

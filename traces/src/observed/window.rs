@@ -15,7 +15,7 @@ pub(super) struct CrowdedOpens {
     crowded: VecDeque<Opened>,
 }
 
-/// How a line changes whether its timestamp waits for an output.
+/// States how a line changes whether its timestamp waits for an output.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum WaitingChange {
     Begins,

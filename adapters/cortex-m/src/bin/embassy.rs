@@ -72,7 +72,8 @@ fn result(t: Timestamp, source: Priority) -> Arrival<HeldNumber> {
     Arrival::Result(t, source, (t, source))
 }
 
-/// Whether a forwarded result comes with its own value, and nothing else with any.
+/// Returns whether a forwarded result comes with its own value, and nothing else comes with a
+/// value.
 fn has_its_value(reported: &Report<HeldNumber, 1>) -> bool {
     let (t, outcome, value) = match reported {
         Report::Fired(firing, value) => (firing.timestamp, firing.outcome, value),

@@ -26,7 +26,7 @@ pub(crate) struct SourceCall {
     stage: Mutex<CallStage>,
 }
 
-/// How far it is.
+/// The stage that a call has reached.
 enum CallStage {
     /// The handle's arguments: the request and its call, or the message and its timestamp.
     New(Py<PyAny>, Py<PyAny>),
@@ -285,7 +285,7 @@ pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
         || value.is_exact_instance_of::<PyBool>()
 }
 
-/// Whether it has what an awaitable has, or is a generator.
+/// Returns whether the value has an awaitable's methods, or is a generator.
 fn may_be_awaitable(value: &Bound<'_, PyAny>, classes: &CallClasses) -> PyResult<bool> {
     if is_plain(value) {
         return Ok(false);

@@ -74,7 +74,8 @@ impl EnginePolicy {
 }
 
 impl Traits {
-    /// Those of the package's classes, which a policy of Python's may derive from.
+    /// Returns the methods of a policy that come from the package's classes, from which a policy in Python may
+    /// derive.
     fn of(policy: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = policy.py();
         let module = py.import("fuseline.deadline")?;

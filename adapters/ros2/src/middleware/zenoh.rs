@@ -40,7 +40,7 @@ use crate::settings::{Qos, Role, Settings};
 /// The bounds on messages and bytes that wait for a slow link; one message may always wait.
 const WAITING: (usize, usize) = (1024, 64 << 20);
 
-/// How much of a topic may wait to be taken in at least, whatever its depth: messages come in bursts, and none is lost for that.
+/// At least this many messages of a topic may wait to be taken in, whatever its depth, so that a burst loses none.
 const BURST: usize = 64;
 
 /// The node in its session.
@@ -69,7 +69,7 @@ pub(crate) struct SerializedPublisher {
     waiting: Arc<PublishBacklog>,
 }
 
-/// How much waits to be published.
+/// The messages that wait to be published.
 #[derive(Default)]
 struct PublishBacklog {
     messages: AtomicUsize,

@@ -82,7 +82,7 @@ impl Settings {
         }
     }
 
-    /// Whether the node can keep up after this change.
+    /// Checks that the node can keep up after this change.
     fn keeps_pace_with(&self, change: Change) -> Result<(), CapacityErrors> {
         let mut changed = self.clone();
         changed.apply(change);

@@ -1,4 +1,4 @@
-//! What ROS 2's variables of the environment say: domain, middleware, whom to meet, and security.
+//! Reads ROS 2's environment variables: domain, middleware, whom to meet, and security.
 //!
 //! Each is honoured, or the node says that it is not. A node that is to be secured and cannot be does not start.
 

@@ -102,7 +102,7 @@ impl DeadlineSettings {
 }
 
 impl Settings {
-    /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
+    /// Checks that the node can keep up, if the rate of messages is known and there is a policy.
     pub(super) fn keep_pace(&self) -> Result<(), CapacityErrors> {
         let DeadlineSettings { kind, parameters, rate, .. } = &self.deadlines;
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };

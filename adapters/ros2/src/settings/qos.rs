@@ -23,7 +23,7 @@ pub struct Topic {
     pub name: String,
     /// Its messages' type, `package/msg/Type`.
     pub type_name: String,
-    /// Which side of it the node is.
+    /// The side of the topic or service on which the node is.
     pub role: Role,
     /// The quality of service.
     pub qos: Qos,
@@ -128,7 +128,7 @@ fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {
     Some(())
 }
 
-/// Whether the value is the second of two words.
+/// Returns whether the value is the second of two words.
 fn one_of(value: &str, [no, yes]: [&str; 2]) -> Option<bool> {
     (value == no || value == yes).then_some(value == yes)
 }

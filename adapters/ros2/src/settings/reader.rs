@@ -213,7 +213,7 @@ impl<'a> ParameterReader<'a> {
         self.add_topic(parameter.to_owned(), &value, origin, type_name, role).map(Some)
     }
 
-    /// The same of a topic that has to have a name.
+    /// Reads a topic that must have a name.
     pub(super) fn named_topic(
         &mut self,
         parameter: &str,

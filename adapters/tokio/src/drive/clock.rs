@@ -12,7 +12,7 @@ pub(super) struct DriverClock {
 }
 
 impl DriverClock {
-    /// One that reads 0 now.
+    /// Makes a clock that reads 0 now.
     pub(super) fn new() -> Self {
         Self { start: Instant::now() }
     }
@@ -27,7 +27,8 @@ impl DriverClock {
         now.as_secs().saturating_mul(1_000_000_000).saturating_add(now.subsec_nanos().into())
     }
 
-    /// When it reads `nanos`, but at most a day from now: the system's clock may end before.
+    /// Returns the instant at which the clock reads `nanos`, but at most a day from now, because the system's clock
+    /// may end before.
     pub(super) fn instant(self, nanos: u64) -> Instant {
         let day = Duration::from_secs(24 * 60 * 60);
         let far = self.start.elapsed() + day;

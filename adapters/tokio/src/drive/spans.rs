@@ -15,7 +15,7 @@ use crate::Error;
 #[derive(Default)]
 pub(super) struct MessageSpans {
     open: FxHashMap<u64, Span>,
-    /// Of requests whose results do not come by a call, by priority and timestamp.
+    /// Spans of requests whose results do not come by a call, by priority and timestamp.
     away: FxHashMap<(u16, u64), TracedCall>,
 }
 

@@ -1,4 +1,4 @@
-//! Why a call failed, in words for people.
+//! The reason of a failed call, in words for people.
 
 use std::error::Error;
 use std::fmt;

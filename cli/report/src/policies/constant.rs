@@ -1,4 +1,5 @@
-//! What the machine would have put out, had every request had the same deadline: exact, or bounds where calls were ended.
+//! The outputs that the machine would have sent if every request had had the same deadline: exact, or as bounds where
+//! calls were ended.
 
 use std::time::Duration;
 
@@ -8,7 +9,7 @@ use fuseline_traces::{Cloud, Commit, Decision, Header, Input, nanos};
 use crate::quantile::{ArrivalTime, Response};
 use crate::statistics::ForwardedOutput;
 
-/// The one timestamp of each run.
+/// The only timestamp of each run.
 const T: u64 = 0;
 
 /// Fusion with one deadline for all requests.
@@ -21,7 +22,7 @@ pub struct ConstantPolicy {
 }
 
 impl ConstantPolicy {
-    /// What becomes of a message by the machine itself; none if it is missed.
+    /// Returns the machine's own output for a message, or `None` if the message is missed.
     ///
     /// Each source's result arrives as given. An arrival that is unknown does not happen.
     pub(super) fn forwarded(&self, arrivals: &[ArrivalTime]) -> Option<ForwardedOutput> {
@@ -50,8 +51,8 @@ impl ConstantPolicy {
     /// The response and whose result may be there before `in_time`, whatever the unknown arrivals
     /// are.
     ///
-    /// With one deadline for all, the best source whose result is there before it is forwarded, once all
-    /// better ones have failed or are due; without such a result local's is, whenever it comes.
+    /// With one deadline for all requests, the machine forwards the best result that arrives before all better
+    /// sources have failed or are due. If there is none, it forwards local's result, whenever that arrives.
     pub(super) fn bounds(
         &self,
         arrivals: &[ArrivalTime],
@@ -102,7 +103,7 @@ impl ConstantPolicy {
     }
 }
 
-/// What may become of a message.
+/// The possible outcomes of a message.
 struct MessageOutcomes {
     response: Option<Response>,
     sources: Vec<Option<usize>>,
@@ -138,7 +139,7 @@ impl MessageOutcomes {
     }
 }
 
-/// When and how a source's part ends, if it is known to.
+/// Returns when and how the part of a source ends, if that is known.
 fn end(arrival: ArrivalTime, p: u64) -> Option<(u64, Input)> {
     match arrival {
         ArrivalTime::At(at) => Some((nanos(at), Input::Result { at: nanos(at), t: T, p })),
@@ -150,7 +151,7 @@ fn end(arrival: ArrivalTime, p: u64) -> Option<(u64, Input)> {
 /// The machine with one timestamp.
 struct OneMessageMachine {
     arbiter: Arbiter<15, 1>,
-    /// Whose result was forwarded, and when.
+    /// The source whose result was forwarded, and the instant.
     emitted: Option<(u64, u64)>,
 }
 

@@ -1,4 +1,4 @@
-//! What happened to one timestamp: its message's end and each source's request.
+//! The history of one timestamp: the end of its message, and each source's request.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ pub(super) struct TimestampHistory {
 #[derive(Clone, Copy)]
 pub(super) struct CallEnd {
     pub(super) at: u64,
-    /// Whose result went; none if the message was missed.
+    /// The source whose result was sent, or `None` if the message was missed.
     pub(super) source: Option<usize>,
 }
 
@@ -27,7 +27,7 @@ pub(super) struct RequestHistory {
     pub(super) is_requested: bool,
     pub(super) due: Option<u64>,
     pub(super) ended: Option<(RequestEnd, u64)>,
-    /// When its first result came, whatever became of it.
+    /// The instant of its first result, whatever became of that.
     pub(super) arrived: Option<u64>,
     /// A result that no decision has followed.
     pub(super) answered: Option<u64>,
@@ -35,7 +35,7 @@ pub(super) struct RequestHistory {
     pub(super) failing: Option<u64>,
 }
 
-/// How a request ceased to be pending.
+/// The way in which a request ceased to be pending.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum RequestEnd {
     InTime,
@@ -68,7 +68,7 @@ impl TimestampHistory {
         self.opened = self.opened.or(self.offered.take());
     }
 
-    /// When its message came, if it was taken on.
+    /// Returns the instant of its message, if the message was accepted.
     pub(super) fn begin(&self) -> Option<u64> {
         self.opened.or(self.offered)
     }
@@ -86,14 +86,15 @@ impl TimestampHistory {
         source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
     }
 
-    /// What became of each source's request, as its index in [`COLUMNS`](super::COLUMNS); 0 of one that got none.
+    /// Returns the outcome of each source's request as its index in [`COLUMNS`](super::COLUMNS), or 0 for a source
+    /// without a request.
     pub(super) fn fates(&self, sources: usize, is_observed: bool) -> Vec<u8> {
         let is_message = self.is_message();
         let fate = |source| self.request_outcome(source, is_observed).filter(|_| is_message);
         (0..sources).map(|source| fate(source).map_or(0, |fate| fate as u8)).collect()
     }
 
-    /// What became of the source's request, if it got one.
+    /// Returns the outcome of the source's request, if there was one.
     pub(super) fn request_outcome(
         &self,
         source: usize,
@@ -117,7 +118,7 @@ impl TimestampHistory {
 }
 
 impl RequestHistory {
-    /// What is ended stays so: a held result's timer changes nothing.
+    /// Ends a request, unless it has ended: the timer of a held result changes nothing.
     pub(super) fn end_with(&mut self, request_end: RequestEnd, at: u64) {
         self.ended.get_or_insert((request_end, at));
     }
@@ -129,8 +130,8 @@ impl RequestHistory {
         }
     }
 
-    /// How it ceased to be pending, if it did; by its own lines alone if `end`, its message's, is
-    /// given and no decision shows it.
+    /// Returns how the request ceased to be pending, if it did. It uses the request's own lines, and the end of its
+    /// message (`end`) only if no decision shows it.
     pub(super) fn outcome(mut self, end: Option<CallEnd>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);

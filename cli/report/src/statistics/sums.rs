@@ -1,4 +1,4 @@
-//! What messages come to, counted one by one, and their response times.
+//! Counts the outcomes of messages one by one, and their response times.
 
 use std::time::Duration;
 

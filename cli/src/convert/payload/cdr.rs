@@ -7,9 +7,9 @@ use thiserror::Error;
 use crate::convert::json::{joined, seconds};
 use crate::convert::row::Cells;
 
-/// How deep messages may lie within each other; a definition may contain itself.
+/// Messages lie within each other at most to this depth.
 const DEPTH: usize = 32;
-/// How many messages within a message may have no bytes.
+/// At most this many messages within a message may have no bytes.
 const EMPTY: usize = 10_000;
 
 /// The types of a message; the first one is its own.
@@ -41,7 +41,7 @@ pub(super) enum FieldKind {
     Signed(usize),
     Float(usize),
     Text,
-    /// Which of the types.
+    /// A message of the type with this index.
     Message(usize),
 }
 
@@ -52,7 +52,7 @@ pub(super) enum FieldShape {
     Sequence,
 }
 
-/// Why bytes are no message of a type.
+/// The reason why bytes are no message of a type.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub(in crate::convert) enum CdrError {
     #[error("it is CDR of the kind {0:#06x}; plain CDR of ROS 2 is 0x0000 or 0x0001")]
@@ -85,7 +85,7 @@ struct FieldReader<'d> {
     body: &'d [u8],
     at: usize,
     is_little: bool,
-    /// How many more messages may be read.
+    /// The number of messages that may still be read.
     left: usize,
     cells: Cells,
 }

@@ -5,7 +5,7 @@ use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMe
 use crate::convert::json::{joined, seconds};
 use crate::convert::row::Cells;
 
-/// How deep messages within messages are read.
+/// Messages within messages are read to this depth.
 const DEPTH: usize = 16;
 
 /// The type of this name among the descriptors, a `FileDescriptorSet`.

@@ -20,7 +20,7 @@ char[16] client_gid
 int64 sequence_number
 ";
 
-/// How messages of the type lie in CDR.
+/// Returns the layout of the type's messages in CDR.
 pub(super) fn layout(name: &str, text: &str) -> Result<CdrLayout, String> {
     let is_service = text.is_empty() || text.lines().any(|line| line.trim() == "---");
     let text = if name.ends_with("_Event") && is_service { SERVICE_EVENT } else { text };

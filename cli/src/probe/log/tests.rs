@@ -64,7 +64,7 @@ struct RecountedProbe {
     rows: Vec<RecountedRow>,
     /// The rows of the requests under way.
     under_way: Vec<usize>,
-    /// When the skipped slots of the pause that goes on were due.
+    /// The instants at which the skipped slots of the current pause were due.
     pause: Vec<Duration>,
     paused: Duration,
     answers: Vec<Duration>,

@@ -1,4 +1,4 @@
-//! How many answers took how long.
+//! Draws how many answers took how long.
 
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};

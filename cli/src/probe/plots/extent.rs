@@ -1,4 +1,4 @@
-//! How much a recording holds, and within which bounds.
+//! Finds how much a recording holds, and within which bounds.
 
 use std::ops::Range;
 use std::time::Duration;
@@ -14,7 +14,7 @@ pub(crate) struct Extent {
     pub(crate) answered: u64,
     pub(crate) lost: u64,
     pub(crate) pauses: u64,
-    /// When the first and the last were sent, in seconds.
+    /// The instants at which the first and the last request were sent, in seconds.
     pub(crate) sent: Option<(f64, f64)>,
     pub(crate) round_trips: Spread,
     /// The least and the greatest round trip, in milliseconds.

@@ -1,4 +1,4 @@
-//! What the tables say is what is known: bounds are marked as such, and hold once they are rounded.
+//! The tables say what is known: bounds are marked as such, and hold once they are rounded.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;

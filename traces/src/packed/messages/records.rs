@@ -40,7 +40,7 @@ pub(super) struct RecordBlocks<R> {
     error: Option<McapError>,
 }
 
-/// What comes next in the file.
+/// The part of the file that comes next.
 enum FilePlace {
     Magic,
     Record,

@@ -1,4 +1,4 @@
-//! Who else publishes on the topics of this node, and whether discovery goes on.
+//! Finds out who else publishes on the topics of this node, and whether discovery goes on.
 //!
 //! DDS matches a writer with readers alone. Only discovery knows who else writes what the node writes, such as a second node
 //! of its name or a model whose output was not remapped.

@@ -20,11 +20,11 @@ use crate::middleware::{MessagePublisher, TypeName};
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
-/// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
+/// The depth of a service, as in ROS: requests that come while a participant is not in use yet wait here.
 const SERVICE_DEPTH: usize = 10;
 
-/// How many requests are remembered, so that one that came to two participants is answered once: what comes while a server
-/// is not in use yet, of which `rustdds` may keep more than the depth.
+/// At most this many requests are remembered, so that a request that came to two participants is answered once.
+/// `rustdds` may keep more requests than the depth while a server is not in use yet.
 const REMEMBERED: usize = 1024;
 
 /// The node, in each participant that it has, and its full name.

@@ -1,5 +1,5 @@
-//! What the node does since `rustdds` 0.15.1 does not survive two things. Once a release has the patches beside this file, all of
-//! this goes, and [`Domain`] is one participant.
+//! Works around two faults of `rustdds` 0.15.1. Once a release has the patches beside this file, this module goes,
+//! and [`Domain`] is one participant.
 //!
 //! - **A step back of the wall clock** (`0002-best-effort-after-a-step-back.patch`). It reads what comes over best effort, the
 //!   announcements of participants with it, up to the present time of day, and would read nothing until the clock has caught
@@ -38,9 +38,9 @@ const MATCH_PERIOD: Duration = Duration::from_millis(20);
 /// notice.
 const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// How long both participants stay, once before the second takes over and once after: peers meet it later than it meets
-/// them, and what they sent to the first is still on its way. `rustdds` repairs an announcement that was lost on its way to a peer
-/// once a second, so in less time that peer may not have met it.
+/// Both participants stay this long, once before the second takes over and once after: peers meet it later than it
+/// meets them, and what they sent to the first is still on its way. `rustdds` repairs an announcement that was lost
+/// on its way to a peer once a second, so in less time that peer may not have met it.
 const OVERLAP: Duration = Duration::from_millis(1500);
 
 /// The time for which samples of the first participant may stay unacknowledged. A subscriber that

@@ -58,7 +58,7 @@ pub(super) struct Entity<'a> {
 pub(crate) struct Attachment {
     /// The sequence number of its publisher or client, from 1.
     pub(crate) sequence: i64,
-    /// When it was sent, in nanoseconds of the time of day.
+    /// The instant at which the message was sent, in nanoseconds of the time of day.
     pub(crate) sent: i64,
     /// The source.
     pub(crate) source: Gid,

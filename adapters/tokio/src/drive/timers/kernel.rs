@@ -14,7 +14,7 @@ use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::time::Instant;
 
-/// What disarms it; also no interval.
+/// A zero time disarms the timer. As an interval, it means that the timer does not repeat.
 const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 /// The shortest time that does not disarm it.
 const SHORTEST: Duration = Duration::from_nanos(1);

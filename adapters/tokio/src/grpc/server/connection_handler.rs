@@ -28,7 +28,7 @@ use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
 use crate::grpc::server::tls::TlsAcceptor;
 use crate::grpc::token::AuthCheck;
 
-/// How long a connection may be silent before it is sent a ping, and the answer may take.
+/// A connection that was silent for the first duration is sent a ping, and must answer it within the second.
 const PING: (Duration, Duration) = (Duration::from_secs(30), Duration::from_secs(10));
 
 /// Calls at once that were cancelled before they began: HTTP/2 has them in a queue of its own.
@@ -45,7 +45,7 @@ pub(crate) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<S: AsyncRead + AsyncWrite + Send + Unpin> Socket for S {}
 
-/// What each connection is served with.
+/// The service and the limits with which each connection is served.
 #[derive(Clone)]
 pub(crate) struct ConnectionHandler {
     pub(crate) limits: Arc<ServerLimits>,

@@ -1,6 +1,6 @@
-//! When a connection has to be ended: it is silent, it reads nothing, or it takes back too many calls.
+//! Decides when a connection has to be ended: it is silent, it reads nothing, or it takes back too many calls.
 //!
-//! Whoever serves the connection reports to it what the connection does; the bounds are the server's.
+//! The task that serves the connection reports what the connection does; the bounds are the server's.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -15,7 +15,7 @@ use tonic::Status;
 
 use crate::grpc::server::limits::{RejectReason, ServerLimits};
 
-/// What a connection did last, and what it owes.
+/// Records what a connection did last, and what it still owes.
 pub(crate) struct ConnectionWatch {
     pub(crate) limits: Arc<ServerLimits>,
     peer: SocketAddr,
@@ -25,7 +25,8 @@ pub(crate) struct ConnectionWatch {
     too_many: Notify,
 }
 
-/// When something last came to pass, what was not taken, and how many calls were taken back in this second.
+/// The instant of the last activity, the replies that were not read, and the number of calls that were taken back in
+/// this second.
 struct Activity {
     moved: Instant,
     second: Instant,

@@ -14,7 +14,7 @@ use tonic::body::Body;
 
 use crate::grpc::server::connection_watch::ConnectionWatch;
 
-/// How much of a reply is sent at a time, so that a slow reader differs from one that has stalled.
+/// A reply is sent in pieces of this many bytes, so that a slow reader differs from one that has stalled.
 const PIECE: usize = 64 * 1024;
 
 /// The bytes of one call's request, given back when its body and its handler are done with it.

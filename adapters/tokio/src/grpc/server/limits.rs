@@ -1,4 +1,5 @@
-//! What all connections of a server share: the counts of connections and bytes, and the log of rejected clients.
+//! The state that all connections of a server share: the counts of connections and bytes, and the log of rejected
+//! clients.
 
 use std::collections::HashMap;
 use std::io;
@@ -15,10 +16,10 @@ use tracing::warn;
 
 use crate::grpc::server::bounds::Bounds;
 
-/// How often one reason is logged.
+/// Each reason is logged at most once in this time.
 const EVERY: Duration = Duration::from_secs(1);
 
-/// What all connections share (D8 bounded).
+/// The state that all connections share (D8 bounded).
 pub(crate) struct ServerLimits {
     pub(crate) bounds: Bounds,
     by_address: Mutex<HashMap<IpAddr, usize>>,
@@ -27,13 +28,13 @@ pub(crate) struct ServerLimits {
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
 }
 
-/// When a reason was last logged, and how many were not logged since.
+/// The instant at which a reason was last logged, and the number of times that it was suppressed since.
 struct SuppressedLog {
     at: Instant,
     suppressed: u64,
 }
 
-/// Why a client was rejected.
+/// The reason why a client was rejected.
 #[derive(Debug, Error)]
 pub(crate) enum RejectReason {
     #[error("the server has reached its limit of connections")]

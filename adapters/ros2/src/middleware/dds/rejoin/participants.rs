@@ -196,7 +196,7 @@ impl Loss {
 }
 
 impl NewEntity {
-    /// What takes over by `take_over`, which returns what it replaced, to be closed later.
+    /// Makes a participant that takes over by `take_over`. That returns what was replaced, to be closed later.
     pub(crate) fn new<R>(take_over: impl FnOnce() -> R + Send + 'static) -> Self
     where
         R: Send + 'static,
@@ -207,7 +207,8 @@ impl NewEntity {
         })
     }
 
-    /// What takes over by `take_over`, which returns a future that ends when what it replaced may be closed.
+    /// Makes a participant that takes over by `take_over`. That returns a future, which ends when what was replaced
+    /// may be closed.
     pub(crate) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
     where
         F: Future<Output = ()> + Send + 'static,

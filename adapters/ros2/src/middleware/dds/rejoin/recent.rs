@@ -1,4 +1,4 @@
-//! What was received lately, so that nothing is taken twice.
+//! Remembers what was received lately, so that nothing is taken twice.
 //!
 //! While the node is in its domain with two participants, both receive what a peer sends, and neither receives all.
 

@@ -1,4 +1,4 @@
-//! Whether the wall clock stepped back.
+//! Finds out whether the wall clock stepped back.
 //!
 //! Deadlines do not depend on it, but `rustdds` does. The clock is passed in: this only compares.
 
