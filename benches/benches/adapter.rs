@@ -1,4 +1,5 @@
-//! What the tokio adapter costs beside a `select!` written by hand for the same three sources.
+//! Measures what the tokio adapter costs beside a `select!` written by hand for the same three
+//! sources.
 //!
 //! Everything runs on one thread, so that the process's time is that of the messages. Both sides
 //! are measured in turns in one run; the figures are medians over the turns.

@@ -1,4 +1,4 @@
-//! How many lines a second one core judges, and what reading alone takes of it.
+//! Measures how many lines a second one core judges, and what reading alone takes of it.
 
 use std::hint::black_box;
 
@@ -7,7 +7,7 @@ use fuseline_benches::trace::trace;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Events, judge};
 
-/// How many lines the trace has at least.
+/// The number of lines that the trace has at least.
 const LINES: usize = 1_000_000;
 
 fn check(c: &mut Criterion) {

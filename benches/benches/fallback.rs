@@ -25,7 +25,7 @@ use tower_resilience::timelimiter::TimeLimiterLayer;
 const MS: Duration = Duration::from_millis(1);
 const PERIOD: Duration = Duration::from_millis(100);
 const WANTED_WITHIN: Duration = Duration::from_millis(500);
-/// When a call counts as slow: in good coverage one in a hundred takes longer.
+/// A call that takes longer counts as slow: in good coverage one in a hundred does.
 const HEDGE_AFTER: Duration = Duration::from_millis(150);
 /// The part of a drive that is played.
 const LONGEST: Duration = Duration::from_secs(600);
@@ -52,7 +52,7 @@ const DRIVES: [(&str, [&str; 2]); 8] = [
     ("vnperf/highway", ["verizon_rtt_ms", "sprint_rtt_ms"]),
 ];
 
-/// How a vehicle uses its detectors.
+/// States how a vehicle uses its detectors.
 #[derive(Clone, Copy)]
 enum DetectorUse {
     /// The best cloud, hedged and limited to so much time; then on board.
@@ -68,7 +68,7 @@ enum DetectorUse {
 /// A frame on its way to the detectors.
 #[derive(Clone)]
 struct HedgedFrame {
-    /// How often a cloud was called for it.
+    /// The number of times that a cloud was called for it.
     calls: Arc<AtomicUsize>,
     /// The computation on board, where that began with the frame.
     on_board: Arc<Mutex<Option<JoinHandle<u32>>>>,
@@ -79,7 +79,7 @@ type DetectorService = BoxCloneService<HedgedFrame, u32, String>;
 /// The round trips of one network.
 struct RecordedTrips {
     start: Instant,
-    /// When sent, and how long it took, if there was a network.
+    /// The instant of sending, and the time that it took, if there was a network.
     samples: Vec<(Duration, Option<Duration>)>,
 }
 
@@ -270,7 +270,7 @@ fn cloud(
 }
 
 impl RecordedTrips {
-    /// Of what is sent now; without a network it waits for one.
+    /// Returns the round trip of what is sent now. Without a network it waits for one.
     fn round_trip(&self) -> Duration {
         let now = self.start.elapsed();
         let next = self.samples.partition_point(|(sent, _)| *sent <= now);

@@ -1,5 +1,5 @@
-//! What one hop of a pipeline costs: a chain of operators with lineages and one end-to-end deadline, beside tasks, channels and a
-//! `select!` written by hand.
+//! Measures what one hop of a pipeline costs: a chain of operators with lineages and one end-to-end
+//! deadline, beside tasks, channels and a `select!` written by hand.
 //!
 //! Each hop has local and a cloud, both ready after a few turns of the runtime. Everything runs on one thread, both sides in turns
 //! in one run; figures are medians over the turns.
@@ -28,7 +28,8 @@ struct ChainPace {
     messages: u32,
 }
 
-/// Of one side's turns, for a hop: processor time, and latencies of the median and of one in a hundred.
+/// The cost of a hop on one side: processor time, and latencies of the median and of one in a
+/// hundred.
 struct HopCost {
     processor: Duration,
     p50: Duration,
@@ -179,8 +180,8 @@ async fn with_channels(pace: ChainPace) -> Vec<Duration> {
     latencies
 }
 
-/// What one writes for one hop when there is nothing ready: one message at a time, one deadline, and no window, queue, gate,
-/// count, trace, reserve or word about why.
+/// The code that one would write for one hop if there were no library: one message at a time, one
+/// deadline, and no window, queue, gate, count, trace, reserve or reason.
 async fn hop_by_hand(mut input: mpsc::Receiver<Captured>, output: mpsc::Sender<Captured>) {
     while let Some((captured, value)) = input.recv().await {
         let mut local = std::pin::pin!(source(1, value));

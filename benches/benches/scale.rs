@@ -1,5 +1,5 @@
-//! How many operators one core carries at 30 messages a second each, until outputs come late, and how
-//! much memory an operator takes.
+//! Measures how many operators one core carries at 30 messages a second each, until outputs come
+//! late, and how much memory an operator takes.
 //!
 //! Each operator has local, which takes 20 ms, and two clouds of 30 and 40 ms; the best answers. All run
 //! on one thread. An output is late if it comes more than 5 ms after its cloud answered: that is the
@@ -8,8 +8,8 @@
 //! Beside it stands what one would write by hand: a task for each message that waits for the best with a `select!`, and a
 //! channel. It has no window, queue, gate, counts or reasons.
 //!
-//! With the feature `virtual-time` no host is too slow: what is found is how many operators the processor time of one
-//! core is enough for.
+//! With the feature `virtual-time` no host is too slow: the bench finds for how many operators the
+//! processor time of one core is enough.
 
 use std::env;
 use std::fs;
@@ -55,7 +55,7 @@ impl Operator for Small {
     }
 }
 
-/// Who feeds an operator, and who reads how late its outputs were.
+/// The task that feeds an operator, and the task that reads how late its outputs were.
 type Ends = (JoinHandle<()>, JoinHandle<Vec<Duration>>);
 
 fn main() {
@@ -177,7 +177,7 @@ fn with_adapter(first: Instant) -> Ends {
     (tokio::spawn(feed(writer, first)), reader)
 }
 
-/// The same by hand.
+/// Starts the same work by hand.
 fn by_hand(first: Instant) -> Ends {
     let (sender, mut output) = mpsc::channel(64);
     let reader = tokio::spawn(async move {

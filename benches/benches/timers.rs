@@ -1,5 +1,6 @@
-//! How late what is due leaves: with tokio's timers and with the kernel's, beside a `select!` written by hand and a
-//! thread that sleeps by `clock_nanosleep` (cyclictest's method); idle, and with twice as many busy threads as cores.
+//! Measures how late outputs leave: with tokio's timers and with the kernel's, beside a `select!`
+//! written by hand and a thread that sleeps by `clock_nanosleep` (cyclictest's method); idle, and
+//! with twice as many busy threads as cores.
 
 use std::future::pending;
 use std::hint::spin_loop;

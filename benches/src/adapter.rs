@@ -17,12 +17,12 @@ use tokio::time::{interval, sleep};
 /// Long enough that no timer fires.
 const LONG: Duration = Duration::from_secs(10);
 
-/// How a bench's sources take their time; local's first, then the clouds'.
+/// States how a bench's sources take their time; local's first, then the clouds'.
 #[derive(Clone, Copy)]
 pub struct Pace {
     /// Its row of the table.
     pub name: &'static str,
-    /// How many messages a turn has.
+    /// The number of messages that a turn has.
     pub messages: u64,
     /// From one message to the next; none waits for the answer.
     period: Option<Duration>,
@@ -31,10 +31,10 @@ pub struct Pace {
     sources: [Take; 3],
 }
 
-/// How a source takes its time.
+/// States how a source takes its time.
 #[derive(Clone, Copy)]
 enum Take {
-    /// Of the runtime.
+    /// Rounds of the runtime.
     Rounds(u32),
     Sleeps(Duration),
 }
@@ -62,7 +62,7 @@ pub const PACED: Pace = Pace {
     ],
 };
 
-/// What both sides run on.
+/// Returns what both sides run on.
 ///
 /// # Panics
 /// If there is none.
@@ -211,8 +211,8 @@ pub async fn with_select(pace: Pace) {
     assert_best(pace, sum);
 }
 
-/// What one writes for one message when there is nothing ready: one task, one deadline for both
-/// clouds, and no window, queue, gate, count, trace or word about why.
+/// The code that one would write for one message if there were no library: one task, one deadline
+/// for both clouds, and no window, queue, gate, count, trace or reason.
 async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
     let [local, one, two] = sources;
     let mut local = pin!(source(local, message));

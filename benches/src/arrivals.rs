@@ -14,7 +14,7 @@ const DRIVES: [&str; 3] = [
     include_str!("../../testkit/data/cicv5g/rural_n8_v10.csv"),
 ];
 
-/// How long the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an A100), in ns.
+/// The time that the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an A100), in ns.
 const RUNTIMES: [u64; 3] = [118_200_000, 146_600_000, 90_100_000];
 /// DETR-ResNet-50 on an Orin, in ns.
 const LOCAL_RUNTIME: u64 = 301_700_000;

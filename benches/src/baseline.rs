@@ -1,4 +1,5 @@
-//! What one would write without thinking of worst cases: a hash map of timestamps and a binary heap of timers.
+//! The machine that one would write without thinking of worst cases: a hash map of timestamps and a
+//! binary heap of timers.
 //!
 //! It decides by the core's own step, so that only the bookkeeping is compared. Timers that were disarmed stay in
 //! the heap and are skipped when they come up.

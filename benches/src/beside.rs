@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// How many passes `cargo bench` makes; a test run makes one.
+/// Returns how many passes `cargo bench` makes; a test run makes one.
 #[must_use]
 pub fn passes(of_bench: usize) -> usize {
     if std::env::args().any(|argument| argument == "--bench") { of_bench } else { 1 }

@@ -5,7 +5,7 @@ use fuseline_core::{
 };
 use fuseline_traces::Input;
 
-/// How often each thing was decided: equal for machines that decide alike.
+/// Counts each kind of decision. Machines that decide the same way have equal counts.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
 pub struct DecisionTally {
     /// Opens accepted and offers admitted.

@@ -9,7 +9,7 @@ use fuseline_core::{
 };
 use fuseline_testkit::Rng;
 
-/// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
+/// The number of inputs that one pass times: as many machines as give so many open timestamps, so that small and great windows
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
 
@@ -43,7 +43,7 @@ impl BenchKind {
     ];
 }
 
-/// How the open timestamps lie to one another.
+/// The distances between open timestamps.
 #[derive(Clone, Copy, Debug)]
 #[expect(missing_docs, reason = "their names say it")]
 pub enum Spacing {
@@ -108,7 +108,7 @@ fn ready<const WINDOW: usize>(machine: &mut SizedFusion<WINDOW>) -> Ready<'_, 3,
     }
 }
 
-/// With all timestamps open, as far as the kind needs it.
+/// Makes machines in which all timestamps are open, as far as the kind needs it.
 fn machines<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Vec<SizedFusion<WINDOW>> {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let machine = || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");

@@ -1,6 +1,6 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 //!
-//! Each subcommand is a module with its options; `exit` has the exit codes, `fault` what stops a command.
+//! Each subcommand is a module with its options; `exit` has the exit codes, and `fault` the errors that stop a command.
 
 mod check;
 mod convert;

@@ -8,12 +8,12 @@ use fuseline_testkit::Rng;
 use serde_json::Value;
 use tempfile::tempdir;
 
-/// How many vehicles are drawn.
+/// The number of vehicles that are drawn.
 const VEHICLES: u64 = 12;
-/// How long after its message's an output comes, in nanoseconds.
+/// The time from a message to its output, in nanoseconds.
 const RESPONSE: u64 = 1_000;
 
-/// What an operator's message comes from.
+/// The frame that an operator's message comes from.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
 struct CameraFrame {
     stream: String,

@@ -1,4 +1,5 @@
-//! What one expects of a command: completions, manual pages, colours, help, clouds from a file.
+//! Tests what users expect of a command: completions, manual pages, colours, help, clouds from a
+//! file.
 #![cfg(unix)]
 
 use std::fs;

@@ -166,7 +166,7 @@ fn recording(compression: Option<Compression>, lines: &[(u64, &str)]) -> Vec<u8>
     bytes.into_inner()
 }
 
-/// What a recorder wrote, each with its log time.
+/// The lines that a recorder wrote, each with its log time.
 const LINES: [(u64, &str); 5] = [
     (0, HEADER),
     (1_000_000, r#"{"ev":"open","t":7}"#),

@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 const MS: u64 = 1_000_000;
 const START: u64 = 1_795_629_600_000_000_000;
 const DEADLINE: u64 = 80 * MS;
-/// How many logs are drawn if nobody says how many.
+/// The number of logs that are drawn if nobody says how many.
 const COUNT: u64 = 130;
 
 /// One message of a run, with the instants of what became of it.
@@ -33,7 +33,8 @@ struct Frame {
     missed: Option<u64>,
 }
 
-/// What the reference machine does with drawn messages: they come every 200 ms, and the cloud answers in time, late or not.
+/// Returns a run of the reference machine: messages come every 200 ms, and the cloud answers in
+/// time, late, or not at all.
 fn clean_run(rng: &mut Rng, first: u64, start: u64) -> Vec<Frame> {
     let mut frames: Vec<Frame> = Vec::new();
     for number in 0..rng.u64(5..12) {
@@ -111,7 +112,7 @@ fn read_facts(trace: &str) -> Vec<Fact> {
     trace.lines().skip(1).map(fact).collect()
 }
 
-/// Whether two traces say the same, up to another beginning of time, other numbers of messages, and a microsecond of rounding.
+/// Returns whether two traces say the same, up to another beginning of time, other numbers of messages, and a microsecond of rounding.
 fn is_same(found: &[Fact], clean: &[Fact]) -> bool {
     let (Some(one), Some(other)) = (found.first(), clean.first()) else { return false };
     let (first, begin) = (one.2.min(other.2), other.0);
@@ -144,7 +145,7 @@ enum Shape {
     Spans,
 }
 
-/// What has to become of a log.
+/// The required outcome for a log.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Fate {
     /// It is read rightly.
@@ -162,19 +163,19 @@ struct DirtyLog {
     bytes: Vec<u8>,
     options: Vec<String>,
     fate: Fate,
-    /// What the message about the dirt has.
+    /// A part of the message about the dirt.
     says: &'static str,
     /// Options by which it is read rightly after all.
     remedy: &'static [&'static str],
 }
 
-/// How values are written in a log of rows.
+/// The style in which a log of rows writes values.
 struct Style {
     separator: char,
     time: fn(u64) -> String,
     id: fn(u64) -> String,
     deadline: fn(usize) -> String,
-    /// Whether times and ids are texts in JSON.
+    /// True if times and ids are texts in JSON.
     is_quoted: bool,
     unit: &'static [&'static str],
 }
@@ -305,7 +306,7 @@ fn dirty_rows(rng: &mut Rng, shape: Shape, kind: u64, frames: &[Frame]) -> Dirty
     log
 }
 
-/// How values are written where that is the dirt.
+/// Returns how values are written where that is the dirt.
 fn dirty_style(kind: u64, log: &mut DirtyLog) -> Style {
     let mut style = plain();
     match kind {
@@ -596,7 +597,7 @@ fn convert(folder: &Path, log: &DirtyLog, more: &[&str]) -> std::process::Output
     run(&[&["convert", "--header", &header, &file], &options[..], more].concat(), "")
 }
 
-/// What is wrong with how a log was read; none if it was read rightly, refused or noted as it must be.
+/// Returns what is wrong with how a log was read; none if it was read rightly, refused or noted as it must be.
 fn mistake(folder: &Path, log: &DirtyLog, clean: &[Fact]) -> Option<String> {
     let done = convert(folder, log, &[]);
     let is_read = |done: &std::process::Output| {

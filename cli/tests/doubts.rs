@@ -1,4 +1,5 @@
-//! What the judge could not see is part of the verdict: kinds of doubt, exit code 3, and `--accept`.
+//! Things that the judge could not see are part of the verdict: kinds of doubt, exit code 3, and
+//! `--accept`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -275,14 +276,14 @@ fn the_one_cause_of_most_violations_is_named() {
     assert!(printed.contains(&format!("line {line} is 584.5")), "{printed}");
 }
 
-/// What the second line of the verdict on a log with violations says.
+/// Returns what the second line of the verdict on a log with violations says.
 fn cause(log: &str) -> String {
     let checked = run(&[&["check"], &OBSERVED[..]].concat(), log);
     assert_eq!(checked.status.code(), Some(1), "{}", out(&checked));
     out(&checked).lines().take(3).collect::<Vec<_>>().join("\n")
 }
 
-/// The same log in the order of its instants.
+/// Returns the log in the order of its instants.
 fn in_order(log: &str) -> String {
     let at = |line: &&str| {
         serde_json::from_str::<Value>(line).unwrap()["at"].as_u64().unwrap_or_default()

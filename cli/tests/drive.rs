@@ -55,7 +55,7 @@ fn report(options: &[&str], command: &[&str]) -> Value {
     serde_json::from_slice(&driven.stdout).unwrap_or_else(|_| panic!("{}", err(&driven)))
 }
 
-/// Whether a program is there; says so if not.
+/// Returns whether a program is there; says so if not.
 fn has(program: &str) -> bool {
     let findings = Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok();
     if !findings {
@@ -604,7 +604,7 @@ fn wait_for<T>(ready: impl Fn() -> Option<T>) -> T {
     panic!("it did not come in 30 s");
 }
 
-/// Whether a process is no more, or waits to be reaped by whoever adopted it.
+/// Returns whether a process is no more, or waits to be reaped by whoever adopted it.
 fn has_gone(pid: &str) -> bool {
     let stat = fs::read_to_string(Path::new("/proc").join(pid).join("stat"));
     stat.map_or(true, |stat| stat.contains(") Z "))

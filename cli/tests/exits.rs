@@ -6,11 +6,12 @@ use std::path::Path;
 use crate::common::{err, out, run};
 use tempfile::tempdir;
 
-/// What becomes of a file: the exit code that it leads to, and what is printed of it.
+/// A file, the exit codes that it leads to, and what is printed about it.
 struct CheckedFile {
     name: &'static str,
     text: String,
-    /// Without options, with `--accept unjudged`, with `--truncated`, and as observed.
+    /// The exit codes without options, with `--accept unjudged`, with `--truncated`, and as
+    /// observed.
     codes: [i32; 4],
 }
 

@@ -1,4 +1,4 @@
-//! What `fuseline export` shows, beside a recount of the same traces with plain lists.
+//! Compares what `fuseline export` shows with a recount of the same traces that uses plain lists.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -11,7 +11,7 @@ use fuseline_traces::{Annotations, Decision, Event, Input, ValueKeys};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-/// How many traces are drawn.
+/// The number of traces that are drawn.
 const TRACES: u64 = 30;
 
 /// Exports files with these options; what is written, and what is noted on standard error.
@@ -79,7 +79,7 @@ fn at(event: &Event) -> u64 {
     }
 }
 
-/// What Perfetto is to show of a trace.
+/// Returns what Perfetto is to show of a trace.
 fn recounted_for_perfetto(trace: &DrawnTrace, pid: u64) -> Vec<ShownEvent> {
     let (messages, calls) =
         trace.recount(|own, by| by.is_none_or(|by| !trace.is_progressive() || own <= by));
@@ -225,7 +225,7 @@ fn span(name: &str, kind: u64, times: [u64; 2], code: u64, mut more: Vec<(&str, 
     format!("{name} {kind} {times:?} {code} {more:?}")
 }
 
-/// What OTLP is to have of a trace: each message with its calls, in any order.
+/// Returns what OTLP is to have of a trace: each message with its calls, in any order.
 fn recounted_for_otlp(trace: &DrawnTrace) -> Vec<(String, Vec<String>)> {
     let (messages, mut calls) = trace.recount(|_, by| by.is_none() || !trace.is_progressive());
     let number = |value: Option<u64>| json!(value.map(|value| value.to_string()));

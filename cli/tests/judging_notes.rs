@@ -1,4 +1,4 @@
-//! What `check` and `report` say of a trace beside their verdict.
+//! Tests what `check` and `report` say about a trace beside their verdict.
 
 use std::fs;
 

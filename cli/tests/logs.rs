@@ -296,7 +296,7 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     assert!(chapter.contains("in doubt: 10 coarse\n"));
 }
 
-/// What it prints on standard error, where it converts.
+/// Returns what it prints on standard error, where it converts.
 fn noted(text: &str, name: &str, more: &[&str]) -> (Vec<Value>, String) {
     let dir = folder(name, text);
     let done = convert(&dir, name, more);

@@ -21,7 +21,7 @@ use serde_json::Value;
 use tempfile::tempdir;
 use tracing_subscriber::layer::SubscriberExt;
 
-/// What a source does with a message. Nothing here depends on how quick the host is: what answers or fails does so at once, and
+/// Tells a source what to do with a message. Nothing here depends on how quick the host is: what answers or fails does so at once, and
 /// has a minute; only what never answers is due soon.
 #[derive(Clone, Copy, Debug)]
 enum SourcePlan {
@@ -101,7 +101,7 @@ fn record(folder: &Path, messages: Vec<[SourcePlan; 3]>) {
     fs::write(folder.join("spans.json"), export).unwrap();
 }
 
-/// What happened to each message, but for local's results: one that comes after its message's end is no longer its span's.
+/// Returns what happened to each message, but for local's results: one that comes after its message's end is no longer its span's.
 fn facts(trace: &str) -> BTreeSet<String> {
     let fact = |line: &str| {
         let event: Value = serde_json::from_str(line).unwrap();

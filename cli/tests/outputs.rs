@@ -1,4 +1,5 @@
-//! Where commands write: never onto what they read, whole or not at all, reported by the user's names.
+//! Commands never write to a file that they read, they write a file whole or not at all, and they
+//! report by the names that the user gave.
 #![cfg(unix)]
 
 use std::fmt::Write as _;

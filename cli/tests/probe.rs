@@ -45,7 +45,7 @@ impl Drop for Server {
     }
 }
 
-/// What the relay saw of one request.
+/// The relay's record of one request.
 #[derive(Clone, Copy, Debug)]
 struct RelayedRequest {
     /// Its index among the probe's requests.
@@ -53,11 +53,11 @@ struct RelayedRequest {
     /// Requests that it held already.
     queued: usize,
     received_at: Duration,
-    /// How long until it was answered.
+    /// The time until it was answered.
     held: Duration,
 }
 
-/// How long a relay holds requests.
+/// The rule for how long a relay holds requests.
 #[derive(Clone, Copy)]
 enum Hold {
     For(fn(u64) -> Duration),
@@ -250,7 +250,7 @@ fn plotted(folder: &Path, names: &[&str]) -> Vec<String> {
     plotted.collect()
 }
 
-/// How wide what is drawn like a pause is, in units of the drawing.
+/// Returns the widths of the shapes that are drawn like a pause, in units of the drawing.
 fn bands(svg: &str) -> Vec<f64> {
     let rects =
         svg.split("<rect ").filter(|it| it.starts_with("x=") && it.contains("opacity=\"0.22\""));

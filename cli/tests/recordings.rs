@@ -36,7 +36,7 @@ fn frames() -> Vec<RecordedMessage> {
     ]
 }
 
-/// What they are as a trace, without its header.
+/// Returns what they are as a trace, without its header.
 fn expected() -> Vec<Value> {
     let t = 7_000_000_001_u64;
     vec![

@@ -9,7 +9,7 @@ use crate::common::{err, out, run};
 use fuseline_testkit::Rng;
 use serde_json::{Value, json};
 
-/// What each command says of a file whose row at line 5 is wrong, after an empty line.
+/// Returns what each command says of a file whose row at line 5 is wrong, after an empty line.
 fn complaints(end: &str) -> Vec<String> {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, rows: &[&str]| {
@@ -76,12 +76,12 @@ const KEYS: [(&str, bool); 15] = [
 ];
 const UNITS: [(&str, usize); 4] = [("ns", 0), ("us", 3), ("ms", 6), ("s", 9)];
 
-/// How a file calls keys and events and writes times.
+/// States how a file calls keys and events and writes times.
 struct DrawnFormat {
     rng: Rng,
     names: BTreeMap<&'static str, String>,
     events: BTreeMap<String, String>,
-    /// Of all times, and of deadlines.
+    /// The units of all times, and of deadlines.
     units: [(&'static str, usize); 2],
     /// The sources with names.
     sources: BTreeMap<u64, String>,
@@ -137,7 +137,7 @@ impl DrawnFormat {
         options
     }
 
-    /// What a file has for a key's value.
+    /// Returns what a file has for a key's value.
     fn text(&mut self, key: &str, value: &Value) -> String {
         let number = value.as_u64();
         match key {

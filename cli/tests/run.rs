@@ -90,7 +90,7 @@ fn lines(trace: &Path) -> Vec<Value> {
     trace.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// How long each request of a trace had, in nanoseconds.
+/// Returns how long each request of a trace had, in nanoseconds.
 fn deadlines(trace: &[Value]) -> Vec<u64> {
     let requests = trace.iter().filter(|line| line["ev"] == "request");
     requests.map(|it| it["due"].as_u64().unwrap() - it["at"].as_u64().unwrap()).collect()

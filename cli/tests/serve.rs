@@ -32,7 +32,7 @@ impl Server {
         Self::start_with(directory, args, "".as_ref())
     }
 
-    /// With a token in its environment.
+    /// Starts the server with a token in its environment.
     fn start_with(directory: &Path, args: &[&str], token: &OsStr) -> Self {
         let all = [&["--listen", "127.0.0.1:0"], args].concat();
         let (child, printed) = begun(directory, &all, token);
@@ -69,7 +69,7 @@ fn begun(directory: &Path, args: &[&str], token: &OsStr) -> (Child, String) {
     (child, printed)
 }
 
-/// How a server ends that must not start.
+/// Returns how a server ends that must not start.
 fn refused(directory: &Path, args: &[&str], token: &OsStr) -> Output {
     let (mut child, printed) = begun(directory, args, token);
     if !printed.is_empty() {
@@ -80,7 +80,7 @@ fn refused(directory: &Path, args: &[&str], token: &OsStr) -> Output {
     child.wait_with_output().unwrap()
 }
 
-/// How the requests of a short run to this cloud ended.
+/// Returns how the requests of a short run to this cloud ended.
 fn requests(directory: &Path, cloud: &str) -> Value {
     let long = ["--for", "0.5s", "--policy", "constant", "--deadline", "20s", "--json", "--cloud"];
     let ran = run_in(directory, &[&long[..], &[cloud]].concat());

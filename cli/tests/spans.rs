@@ -165,7 +165,7 @@ async fn act_out(folder: &Path, messages: &[[(u32, bool); 3]], stops_after: Opti
     running.join().await.unwrap();
 }
 
-/// What both say: events with their instants, sources and due instants, sorted.
+/// Returns what both say: events with their instants, sources and due instants, sorted.
 fn facts(trace: &str) -> Vec<String> {
     let fact = |line: &str| {
         let event: Value = serde_json::from_str(line).unwrap();

@@ -50,7 +50,7 @@ fn time(seconds: Span<f64>) -> Span<Duration> {
     Span::new(least.saturating_sub(ROUNDING), greatest + ROUNDING)
 }
 
-/// How a cloud behaves during one drive.
+/// States how a cloud behaves during one drive.
 #[derive(Clone, Copy)]
 enum Network {
     Silent,

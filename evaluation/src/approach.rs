@@ -89,7 +89,7 @@ impl Vehicle {
         self.period() * self.frames_of_local()
     }
 
-    /// How many frames local is busy with one.
+    /// Returns the number of frames that local is busy with one.
     pub(crate) fn frames_of_local(&self) -> f64 {
         if self.local_serial { (self.local_response * self.rate).ceil().max(1.0) } else { 1.0 }
     }
@@ -126,7 +126,7 @@ impl Vehicle {
         Situation { reveal, ..Situation::at(MetresPerSecond(speed)) }
     }
 
-    /// The same with the cloud's model on board and nothing else.
+    /// Returns the vehicle with the cloud's model on board and nothing else.
     pub(crate) const fn with_model_on_board(self, response: f64) -> Self {
         Self { range_local: self.range_cloud, local_response: response, ..self }
     }
@@ -236,12 +236,12 @@ impl ApproachRun<'_> {
 /// The computation on board, frame by frame.
 struct LocalComputation<'a> {
     vehicle: &'a Vehicle,
-    /// When it is free again, if it computes one frame at a time.
+    /// The instant at which it is free again, if it computes one frame at a time.
     frees: u64,
 }
 
 impl LocalComputation<'_> {
-    /// How long it takes for a frame captured now; none if it is busy.
+    /// Returns how long it takes for a frame captured now; none if it is busy.
     fn take(&mut self, at: u64) -> Option<u64> {
         let response = nanos(self.vehicle.local_response);
         if self.vehicle.local_serial && at < self.frees {

@@ -9,7 +9,7 @@ pub(crate) struct Brakes {
     pub(crate) delay: f64,
 }
 
-/// How a drive towards an obstacle at rest ends.
+/// States how a drive towards an obstacle at rest ends.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum DriveOutcome {
     /// The vehicle stands, with so many metres left.
@@ -25,7 +25,7 @@ pub(crate) enum DriveOutcome {
 }
 
 impl Brakes {
-    /// How it ends if the decision falls `decided` after the gap was `start`, or never. What reaches a gap of 0, hits.
+    /// Returns how it ends if the decision falls `decided` after the gap was `start`, or never. What reaches a gap of 0, hits.
     pub(crate) fn end(&self, speed: f64, start: f64, decided: Option<f64>) -> DriveOutcome {
         let gap = decided.map_or(0.0, |decided| start - speed * (decided + self.delay));
         if gap <= 0.0 {

@@ -1,7 +1,7 @@
 //! The paper's experiments: in virtual time, from stated physics, by the machine that is shipped.
 //!
-//! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also takes from here the paper's [`models`], the
-//! [`link`] of a vehicle, what [`plot`] draws, and how a [`duration`](mod@duration) is written.
+//! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also uses the paper's [`models`],
+//! the [`link`] of a vehicle, the charts of [`plot`], and the format of a [`duration`](mod@duration).
 
 mod approach;
 mod arbitrage;
@@ -33,7 +33,7 @@ use thiserror::Error;
 pub use crate::paper::{TripQuantiles, paper_round_trips};
 use crate::plot::FolderError;
 
-/// Which scenario is played, and its options.
+/// The scenario that is played, and its options.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -50,7 +50,7 @@ enum ScenarioCommand {
     Jaywalking(jaywalking::Args),
     /// The vehicle of the traffic jam over recorded networks, policies side by side.
     Networks(networks::Args),
-    /// The same models on board and in the cloud: who has a result first.
+    /// The same models on board and in the cloud: which has a result first.
     Arbitrage(arbitrage::Args),
 }
 
@@ -74,9 +74,9 @@ pub enum ScenarioError {
          --starts"
     )]
     Traces {
-        /// How many are wanted.
+        /// The number of runs that are wanted.
         runs: usize,
-        /// How many are left at most.
+        /// The greatest number that is left.
         most: usize,
     },
     /// A drive cannot be read.

@@ -16,20 +16,20 @@ pub struct LinkArgs {
     /// The rate of its downlink, in Mbit/s, where the drive has no column `downlink_mbps` [default: no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     downlink: Option<f64>,
-    /// How much may wait for each, in KB; a request that finds no room fails, a reply is lost.
+    /// The room of each queue, in KB; a request that finds no room fails, a reply is lost.
     #[arg(long, value_name = "KB", default_value = "4000", value_parser = kilobytes,
         allow_negative_numbers = true)]
     link_queue: f64,
 }
 
-/// How wide a vehicle's link is.
+/// The rates of a vehicle's link.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct LinkWidth {
     /// Bits in a second, where the drive does not say; none: no limit.
     pub uplink: Option<u64>,
-    /// The same for the other way.
+    /// The rate of the downlink.
     pub downlink: Option<u64>,
-    /// How many bytes may wait for each.
+    /// The number of bytes that may wait for each.
     pub queue_bytes: u64,
 }
 
@@ -72,7 +72,7 @@ impl RecordedLink<'_> {
             .any(|direction| self.rate(direction, 0).is_some())
     }
 
-    /// What it carries at an instant of its time; none: no limit.
+    /// Returns the rate at an instant of the link's time, or `None` if there is no limit.
     #[must_use]
     pub fn rate(&self, direction: LinkDirection, at: u64) -> Option<LinkRate> {
         let recorded = self.drive.and_then(|(drive, start)| {
@@ -83,7 +83,7 @@ impl RecordedLink<'_> {
         recorded.or_else(|| self.width.fixed(direction).map(LinkRate::constant))
     }
 
-    /// When a message that is given to a queue of this link is through; none if it finds no room.
+    /// Returns when a message that is given to a queue of this link is through; none if it finds no room.
     #[must_use]
     pub fn send(
         &self,

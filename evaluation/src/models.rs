@@ -26,7 +26,7 @@ pub struct Model {
     pub name: Cow<'static, str>,
     /// The device, if the model is one of the paper's.
     pub device: Option<Device>,
-    /// How long the paper measured it to take there, or the user says.
+    /// The runtime there, by the paper's measurement or as the user says.
     pub runtime: Duration,
     /// Box AP on COCO val2017 as published by its authors, or as the user says, 0 to 100; `None`
     /// where no figure was found.

@@ -7,7 +7,7 @@ use fuseline_core::ConfigError;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-/// The one cloud's priority.
+/// The priority of the only cloud.
 pub(crate) const CLOUD: u64 = 1;
 
 /// No queue is so long: requests are sent at once.
@@ -19,9 +19,9 @@ pub(crate) const UNLIMITED: u64 = u64::MAX;
 /// One message with the responses of its sources, in nanoseconds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScenarioMessage {
-    /// When it comes.
+    /// The instant at which it comes.
     pub(crate) at: u64,
-    /// How long local takes; none: it computes nothing for this message, which is known at once (F4).
+    /// The time that local takes; none: it computes nothing for this message, which is known at once (F4).
     pub(crate) local: Option<u64>,
     /// The request to the cloud.
     pub(crate) request: Option<CloudRequest>,
@@ -30,9 +30,9 @@ pub(crate) struct ScenarioMessage {
 /// A request to the cloud.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CloudRequest {
-    /// How long it may take.
+    /// The time that it may take.
     pub(crate) deadline: u64,
-    /// How long it takes; none: no result comes unless [`ScenarioOperator::answer`] brings it.
+    /// The time that it takes; none: no result comes unless [`ScenarioOperator::answer`] brings it.
     pub(crate) response: Option<u64>,
 }
 
@@ -49,7 +49,8 @@ pub(crate) struct ScenarioOutput {
 pub(crate) struct ScenarioOperator {
     machine: ScenarioMachine,
     messages: u64,
-    /// When which source's result comes; those of one instant in the order of their messages.
+    /// The arrivals: when a result comes, and of which source. Arrivals of one instant are in the
+    /// order of their messages.
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
     outputs: Vec<ScenarioOutput>,
     /// `true` if offers say how many requests are under way.
@@ -159,7 +160,7 @@ impl ScenarioOperator {
         self.serve(to);
     }
 
-    /// When something happens next, if nothing else comes.
+    /// Returns when something happens next, if nothing else comes.
     pub(crate) fn next(&self) -> Option<u64> {
         let arrival = self.arrivals.peek().map(|Reverse((at, _, _))| *at);
         [arrival, self.machine.next_due()].into_iter().flatten().min()

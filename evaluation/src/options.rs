@@ -64,16 +64,17 @@ pub(crate) struct VehicleArgs {
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// How long after the decision the brakes bite †.
+    /// The time from the decision until the brakes bite †.
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: f64,
-    /// How many frames the camera captures a second, in Hz.
+    /// The number of frames that the camera captures a second, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
     rate: f64,
-    /// How many consecutive frames must report the obstacle before the vehicle brakes.
+    /// The number of consecutive frames that must report the obstacle before the vehicle brakes.
     #[arg(long, value_name = "N", default_value = "3", value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
-    /// How far away local begins to report the obstacle, in m † [default: 39, with --local-serial 55.2].
+    /// The distance at which local begins to report the obstacle, in m † [default: 39, with
+    /// --local-serial 55.2].
     #[arg(
         long,
         value_name = "M",
@@ -83,7 +84,7 @@ pub(crate) struct VehicleArgs {
         value_parser = not_below_0
     )]
     range_local: f64,
-    /// How far away the cloud begins to report the obstacle, in m †.
+    /// The distance at which the cloud begins to report the obstacle, in m †.
     #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
     range_cloud: f64,
     /// From a frame's capture until local's result.

@@ -96,7 +96,7 @@ impl TrafficJam {
         speeds
     }
 
-    /// Whether a cell of the table collides; none if the table has no such cell.
+    /// Returns whether a cell of the table collides; none if the table has no such cell.
     pub(crate) fn collides(&self, speed: f64, approach: Approach, response: f64) -> Option<bool> {
         let name = match approach {
             Approach::Local => "local",

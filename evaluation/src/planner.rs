@@ -46,7 +46,7 @@ impl Planner {
     }
 }
 
-/// How many report before one does not.
+/// Returns how many report before one does not.
 fn reports<'a>(sights: impl Iterator<Item = &'a FrameStatus>) -> usize {
     let row =
         sights.take_while(|sight| matches!(sight, FrameStatus::Missed | FrameStatus::Obstacle));

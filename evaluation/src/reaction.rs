@@ -1,4 +1,4 @@
-//! How fast humans react, as lines across charts.
+//! Draws human reaction times as lines across charts.
 
 use std::ops::Range;
 

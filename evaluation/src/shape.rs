@@ -56,7 +56,7 @@ impl Rectangle {
     }
 }
 
-/// When things that keep `distance` and approach each other at most at `fastest` m/s touch first, from `from` until `to`.
+/// Returns when things that keep `distance` and approach each other at most at `fastest` m/s touch first, from `from` until `to`.
 ///
 /// It leaps as far as they cannot touch. Grazes of less than a millionth of a second may be passed over.
 pub(crate) fn first_contact(
@@ -85,7 +85,8 @@ fn edges(polygon: &[Point]) -> impl Iterator<Item = [Point; 2]> {
     polygon.iter().zip(next).map(|(one, other)| [*one, *other])
 }
 
-/// Whether `third` lies to the left of the way from `first` to `second` (above 0) or to the right.
+/// Returns a number above 0 if `third` lies to the left of the way from `first` to `second`, and
+/// below 0 if it lies to the right.
 fn side([first, second]: [Point; 2], third: Point) -> f64 {
     (second[0] - first[0]) * (third[1] - first[1]) - (second[1] - first[1]) * (third[0] - first[0])
 }

@@ -41,7 +41,7 @@ fn json(args: &[&str]) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// What each row has under these keys.
+/// Returns what each row has under these keys.
 fn printed<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
     let rows = rows.as_array().unwrap();
     rows.iter().map(|row| keys.iter().map(|key| &row[*key]).collect()).collect()

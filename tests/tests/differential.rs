@@ -58,7 +58,8 @@ fn core_decides_as_the_reference_machine() {
     }
 }
 
-/// The same holds at all scales of time, with long chains and full windows.
+/// The core and the reference machine agree at all scales of time, with long chains and full
+/// windows.
 #[test]
 fn core_and_reference_agree_on_varied_runs() {
     let mut reach = Coverage::default();

@@ -22,7 +22,7 @@ struct Sidecar {
     line: u64,
 }
 
-/// How a trace is judged when more is known of its run, and what is found.
+/// States how a trace is judged when more is known of its run, and what is found.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Options {

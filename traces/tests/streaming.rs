@@ -22,7 +22,7 @@ fn header(commit: Commit) -> Header {
 /// An event as it is recorded.
 type RecordedEvent = (Event, Annotations);
 
-/// How a trace is judged.
+/// States how a trace is judged.
 #[derive(Clone, Debug)]
 struct Terms {
     commit: Commit,

@@ -58,7 +58,7 @@ inline constexpr bool is_value = std::is_object_v<Value> && !std::is_const_v<Val
 using Nanoseconds = std::chrono::duration<std::uint64_t, std::nano>;  // the machine's own: without a sign
 }  // namespace detail
 
-// How long a request, or local, may take. Any std::chrono duration converts. A duration of 0 or less is
+// The time that a request, or local, may take. Any std::chrono duration converts. A duration of 0 or less is
 // refused as `deadline`, and one that is too long becomes the longest. A plain number does not convert,
 // because it has no unit.
 class Deadline {

@@ -24,7 +24,7 @@ fn result(t: Timestamp, source: Priority) -> Arrival<Value> {
     Arrival::Result(t, source, Value(t.as_u64(), source))
 }
 
-/// What was reported to the operator as received, as the trace has it.
+/// Returns what the operator received, as a line of the trace.
 fn input(at: u64, arrival: Option<Arrival>) -> Input {
     let number = |p: Priority| u64::from(p.as_u16());
     match arrival {

@@ -45,9 +45,9 @@ const PAUSE: Duration = Duration::from_millis(300);
 
 const IMAGE: &str = "sensor_msgs/CompressedImage";
 const POINT: &str = "geometry_msgs/PointStamped";
-/// Where images go: to the cloud itself, to the relay, and to the node.
+/// The topics of images: the cloud's own, the relay's, and the node's.
 const INPUTS: [&str; 3] = ["direct/input", "relay/input", "input"];
-/// What the subscriber listens to, in the same order.
+/// The topics to which the subscriber listens, in the same order.
 const OUTPUTS: [&str; 3] = ["direct/output", "relay/output", "output"];
 /// The relay's.
 const HOPS: [relay::Hop; 2] = [
@@ -58,7 +58,8 @@ const HOPS: [relay::Hop; 2] = [
 /// A process of this bench, killed with this.
 struct ChildProcess(Child);
 
-/// When results came, by when their images were sent: nanoseconds since 1970.
+/// The instants at which results came, by the instants at which their images were sent, in
+/// nanoseconds since 1970.
 type ReceivedAt = BTreeMap<i64, i64>;
 
 fn main() -> Result<(), Any> {
@@ -254,7 +255,7 @@ impl ChildProcess {
         Ok(Self(command.spawn()?))
     }
 
-    /// What the subscriber received, in the order of [`OUTPUTS`].
+    /// Returns what the subscriber received, in the order of [`OUTPUTS`].
     fn received_by_stamp(mut self) -> Result<[ReceivedAt; 3], Any> {
         drop(self.0.stdin.take());
         let mut lines = String::new();

@@ -28,7 +28,7 @@ use tokio::time::{Instant, timeout};
 
 use messages::{Any, CompressedImage, Header, PointStamped, Time};
 
-/// How long anything may take.
+/// The time that anything may take.
 const LONG: Duration = Duration::from_secs(60);
 const TYPES: [&str; 2] =
     ["input.type:=sensor_msgs/msg/CompressedImage", "output.type:=geometry_msgs/msg/PointStamped"];

@@ -336,7 +336,7 @@ fn f9_outputs_race_what_makes_them_final() {
     RACE.check::<2, 1>();
 }
 
-/// With the last failure the last output is final, whichever source sent it (F9, F4).
+/// The last failure makes the last output final, whichever source sent it (F9, F4).
 #[test]
 fn f9_failures_race_an_output() {
     static RACE: Race = Race {

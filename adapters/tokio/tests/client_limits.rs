@@ -48,7 +48,7 @@ const WIDE: Bounds = Bounds {
 /// One test at a time: they look at the log and at the memory of the whole process.
 static TURN: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
-/// What the servers said.
+/// The log of the servers.
 static LOG: LazyLock<Log> = LazyLock::new(|| {
     let log = Log::default();
     tracing_subscriber::fmt().with_writer(log.clone()).with_ansi(false).init();
@@ -123,7 +123,7 @@ fn resident() -> usize {
     pages.split(' ').nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
-/// How often this process did not run for a second: less than any bound here.
+/// Counts how often this process did not run for a second.
 struct Standstills(Arc<AtomicU64>);
 
 impl Standstills {
@@ -520,7 +520,7 @@ async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
     cloud.kill();
 }
 
-/// How many connect at the same time.
+/// The number of clients that connect at the same time.
 const TURNS: usize = 50;
 
 /// From how many addresses they come at most.

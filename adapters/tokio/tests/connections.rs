@@ -1,4 +1,5 @@
-//! How long a connection may take: a client's attempt to reach a host, and an unknown client's greeting.
+//! The time limits of a connection: a client's attempt to reach a host, and an unknown client's
+//! greeting.
 #![cfg(feature = "grpc")]
 
 use std::future::{self, ready};

@@ -1,4 +1,4 @@
-//! How an operator ends, whatever is still under way or waits to be read.
+//! An operator ends in order, whatever is still under way or waits to be read.
 
 use std::time::Duration;
 

@@ -30,7 +30,8 @@ fn clouds_take_no_result_from_a_pipeline() {
     assert!(answered > 0, "no message was answered on board");
 }
 
-/// Without any one condition of E11 clouds cost a result. The first is one reserve for requests and local.
+/// Clouds cost a result if any one condition of E11 is missing. The first is one reserve for
+/// requests and local.
 #[test]
 fn each_condition_of_the_floor_is_needed() {
     for (breach, seed) in COUNTEREXAMPLES {

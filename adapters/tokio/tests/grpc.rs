@@ -130,7 +130,7 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     cloud.kill();
 }
 
-/// What a call says that came to nothing.
+/// Returns the error of a call that fails.
 async fn failure(remote: &Remote) -> String {
     CallError::from(call(remote).await.unwrap_err()).to_string()
 }
@@ -465,7 +465,8 @@ fn secrets_do_not_show() {
     assert!(!format!("{remote:?}").contains(&secret[1..secret.len() - 1]));
 }
 
-/// What an operator or a cloud of before lineage sends, in bytes: a timestamp and a payload, and a payload.
+/// A peer from before lineage sends only a timestamp and a payload, or a payload. Both sides read
+/// what they know.
 #[test]
 fn an_old_peer_is_read_and_reads_what_it_knows() {
     let request = Request::decode(&[8, 7, 18, 1, b'x'][..]).unwrap();

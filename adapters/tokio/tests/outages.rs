@@ -1,4 +1,5 @@
-//! What is logged of clouds that are gone. One test, since a program has one cache of who listens to which event.
+//! The log of clouds that are gone. This is one test, because a program has one cache of who
+//! listens to which event.
 
 #[expect(dead_code, reason = "it is of the other tests too")]
 mod support;

@@ -1,4 +1,4 @@
-//! What becomes of messages, to the millisecond. Every run's trace is judged too.
+//! Tests the outcomes of messages, to the millisecond. Every run's trace is judged too.
 
 use std::time::Duration;
 

@@ -184,7 +184,7 @@ async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
     assert_eq!(tally.given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 3)]);
 }
 
-/// What two cameras and a localization see.
+/// A scene that two cameras and a localization see.
 #[derive(Clone, Default, Debug)]
 struct Scene {
     left: Option<u64>,

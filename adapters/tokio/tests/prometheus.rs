@@ -26,7 +26,7 @@ impl Operator for Double {
     }
 }
 
-/// Where the metrics of this program are served.
+/// Returns where the metrics of this program are served.
 fn served() -> SocketAddr {
     static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
     *ADDRESS.get_or_init(|| {
@@ -41,7 +41,7 @@ fn served() -> SocketAddr {
     })
 }
 
-/// What is served now.
+/// Returns what is served now.
 async fn scrape() -> String {
     let page = tokio::task::spawn_blocking(|| {
         let mut socket = TcpStream::connect(served()).unwrap();

@@ -1,4 +1,5 @@
-//! What helps local with later messages: side requests, hints, and what they share with it.
+//! Tests of what helps local with later messages: side requests, hints, and state that they share
+//! with it.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -13,7 +14,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a service does with the n-th message, in ms from the request.
+/// Tells a service what to do with the n-th message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),

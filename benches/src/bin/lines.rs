@@ -11,7 +11,7 @@ use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::packed::unpack;
 use fuseline_traces::{Events, judge};
 
-/// How many lines it has at least: enough that the judges' sets have their usual size.
+/// The number of lines that it has at least: enough that the judges' sets have their usual size.
 const LINES: usize = 50_000;
 const SLACK: Slack = Slack { tolerance: 2_000_000, lateness: 5_000_000 };
 

@@ -5,9 +5,9 @@ import { axis, time } from "./format.js";
 
 const CELL = 2;
 const DOT = 1.6;
-/** How wide a bucket of shares is at most. */
+/** The greatest width of a bucket of shares. */
 const WIDEST = 24;
-/** How far labels are apart. */
+/** The distance between labels. */
 const LABEL = 12;
 
 /**
@@ -26,7 +26,7 @@ export function drawBuckets(ctx, trace, view, width, height, colours) {
   return labels;
 }
 
-/** Whose results went out: in each bucket the shares, stacked. */
+/** Draws the sources' shares of the results that went out, stacked in each bucket. */
 export function drawShares(ctx, trace, view, width, box, colours) {
   const { order, start, outcome, sources } = trace;
   const low = after(trace, view.from);

@@ -21,7 +21,7 @@ export const swatch = (place) => {
   return square;
 };
 
-/** Which of the colours a source has; 0 is local's. */
+/** Returns the index of a source's colour; 0 is local's. */
 export const tone = (place) => (place === 0 ? 0 : ((place - 1) % 8) + 1);
 
 /** The page's colours as they are now, light or dark. */

@@ -1,4 +1,4 @@
-// What can be found: timestamps by number, by reason, by violation, by outcome.
+// Finds timestamps by number, by reason, by violation, by outcome.
 
 import { MISSED, OPEN, fate, find } from "./data.js";
 

@@ -1,4 +1,4 @@
-// What the command knows of a run beside its trace: policies over the same messages, configuration, caveats.
+// Shows what the command knows of a run beside its trace: policies over the same messages, configuration, caveats.
 
 import { by, el } from "./dom.js";
 

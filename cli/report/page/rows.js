@@ -77,7 +77,7 @@ function drawMiss(ctx, at, top, height, width, colours) {
   note(ctx, "✕ missed", at, top + 13, width, colours.bad, colours.ground);
 }
 
-/** What happened to each source's result for one timestamp. */
+/** Returns what happened to each source's result for one timestamp. */
 function lanesOf(trace, k) {
   const { ev, at, p, a, first, events, start, refusals, drops } = trace;
   const lanes = new Map();

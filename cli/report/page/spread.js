@@ -1,4 +1,4 @@
-// How long responses took: a histogram, one source's bars upon the other's.
+// Draws a histogram of response times, one source's bars upon the other's.
 
 import uPlot from "uplot";
 import { by, colours } from "./dom.js";

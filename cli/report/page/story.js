@@ -1,4 +1,4 @@
-// What happened to one timestamp, event by event, and what breaks a rule.
+// Tells what happened to one timestamp, event by event, and what breaks a rule.
 
 import { MISSED, OPEN } from "./data.js";
 import { by, el, swatch } from "./dom.js";

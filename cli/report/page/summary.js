@@ -1,4 +1,4 @@
-// What came of the run, in figures and by source, as the command reckoned it.
+// Shows the results of the run, in figures and by source, as the command counted them.
 
 import { by, el, swatch } from "./dom.js";
 import { count, counted, quantile, share, time } from "./format.js";
@@ -6,7 +6,7 @@ import { count, counted, quantile, share, time } from "./format.js";
 const SUMMED = 1;
 const OPEN = 6;
 
-/** What a trace is called: its operator and its file, without the folders. */
+/** Returns the name of a trace: its operator and its file, without the folders. */
 export function titleOf({ operator, file }) {
   const name = file.slice(file.lastIndexOf("/") + 1);
   return operator ? `${operator} · ${name}` : name;
@@ -14,7 +14,7 @@ export function titleOf({ operator, file }) {
 
 export const violationsOf = ({ violations, places, capped }) => capped?.violations ?? violations.length + (places?.line.length ?? 0);
 
-/** Which colour a verdict has: green only without doubt. */
+/** Returns the colour of a verdict: green only without doubt. */
 export const colourOf = (trace) => violationsOf(trace) ? "bad" : trace.doubts.length ? "doubt" : "good";
 
 /** A verdict in words. */
@@ -63,7 +63,7 @@ export function showSummary(trace) {
     el("dl", {}, ...columns.flatMap(({ word, meaning }) => [el("dt", {}, word), el("dd", {}, meaning)])));
 }
 
-/** Whether messages are open that a later one overtook, or that the run's end left. */
+/** Returns whether messages are open that a later one overtook, or that the run's end left. */
 const waiting = ({ doubts }) => doubts.some(({ kind }) => kind === "unanswered" || kind === "unfinished");
 
 const capital = (word) => word[0].toUpperCase() + word.slice(1);

@@ -174,7 +174,7 @@ export function timeline(trace, { choose, seen }) {
     put({ from: view.from + way, to: view.to + way });
   };
 
-  /** Which timestamp is at a place of the plot; −1 if there are too many. */
+  /** Returns the timestamp at a place of the plot; −1 if there are too many. */
   function pick(px, py) {
     const { width } = plot.over.getBoundingClientRect();
     const instant = (at) => view.from + (at / width) * (view.to - view.from);

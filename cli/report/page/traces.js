@@ -47,7 +47,7 @@ function row(trace, folder, act) {
     ...response.map((ns) => el("td", {}, quantile(ns))));
 }
 
-/** How long the folders are that all paths begin with. */
+/** Returns the length of the folders that all paths begin with. */
 function common([first, ...others]) {
   let at = first.lastIndexOf("/") + 1;
   while (at > 0 && !others.every((other) => other.startsWith(first.slice(0, at)))) at = first.lastIndexOf("/", at - 2) + 1;

@@ -52,7 +52,7 @@ pub enum ComparedPolicy {
 
 /// The score of a policy, as far as it is known.
 ///
-/// Where calls were ended before their results, each figure is a bound that holds whatever those
+/// If calls were ended before their results, each figure is a bound that holds whatever those
 /// results would have been.
 #[derive(Clone, PartialEq, Debug)]
 pub struct PolicyScore {

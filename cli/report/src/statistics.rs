@@ -340,8 +340,9 @@ impl TraceStatistics {
 
     /// The messages that ended, for the policies: each with what each known source gave.
     ///
-    /// What was refused nobody got. Where a call was ended before its result, `planned(source,
-    /// opened, t)` returns when that would have come since the message's instant, if it can.
+    /// Nobody got a refused message. If a call was ended before its result, `planned(source,
+    /// opened, t)` returns when the result would have come, counted from the message's instant, if
+    /// it can.
     pub fn messages(
         &self,
         planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,

@@ -1,4 +1,4 @@
-//! What a report counts, beside a recount of the same trace with plain lists.
+//! Compares the counts of a report with a recount of the same trace that uses plain lists.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use fuseline_report::{ArrivalTime, Quantile, TimestampOutcome, TraceStatistics};
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Commit, Decision, Event, ExpectedDecisions, Input, Reference};
 
-/// What became of a request, in the order of the report's columns.
+/// The outcome of a request, in the order of the report's columns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RequestFate {
     Forwarded = 1,
@@ -21,19 +21,19 @@ enum RequestFate {
 #[derive(Default)]
 struct RecountedMessage {
     opened: u64,
-    /// Whose result was sent last, and when the message ended; none of the first if it was missed.
+    /// The source whose result was sent last, and when the message ended; none of the first if it was missed.
     last: Option<(u64, u64)>,
     end: Option<(Option<u64>, u64)>,
     /// By source; local is 0.
     fates: BTreeMap<u64, RequestFate>,
-    /// When failures came that were accepted.
+    /// The instants at which failures came that were accepted.
     failed: BTreeMap<u64, u64>,
 }
 
 #[derive(Default)]
 struct Recount {
     messages: BTreeMap<u64, RecountedMessage>,
-    /// When each source's first result for each timestamp came, whatever became of it.
+    /// The instants at which each source's first result for each timestamp came, whatever became of it.
     arrived: BTreeMap<(u64, u64), u64>,
     refused_messages: u64,
     refused: BTreeMap<u64, u64>,
@@ -234,7 +234,7 @@ fn compare(statistics: &TraceStatistics, count: &Recount, clouds: &[u16]) {
     records(statistics, count, &totals.rows.iter().map(|row| row.p).collect::<Vec<_>>());
 }
 
-/// What is known of each message that ended.
+/// Compares the records of messages that ended.
 fn records(statistics: &TraceStatistics, count: &Recount, priorities: &[u64]) {
     let since = |message: &RecountedMessage, at: u64| {
         Duration::from_nanos(at.saturating_sub(message.opened))

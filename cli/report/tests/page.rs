@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 
 const TRACES: u64 = 60;
 
-/// What a page has of a trace for its script.
+/// Returns what a page has of a trace for its script.
 fn data_of(text: &str, most: usize) -> Value {
     let mut events = Events::observed("trace", text.as_bytes()).unwrap();
     let mut page = PageWriter::with_most_events(most);
@@ -136,7 +136,7 @@ fn each_event_is_read_back_with_all_that_it_says() {
     }
 }
 
-/// What messages come from stands with the first open of each timestamp.
+/// The lineage of a message is shown at the first open of each timestamp.
 fn lineages(trace: &DrawnTrace, shown: &Value, timestamps: &[i128]) {
     let mut expected = BTreeMap::new();
     for (event, annotations) in &trace.events {
@@ -164,7 +164,8 @@ fn lineages(trace: &DrawnTrace, shown: &Value, timestamps: &[i128]) {
     assert_eq!(rows.len(), expected.len());
 }
 
-/// When requests are due, counted from their messages, and the least, the median and the greatest deadline of each source.
+/// Compares the due instants of requests, counted from their messages, and each source's least,
+/// median and greatest deadline.
 fn deadlines(trace: &DrawnTrace, shown: &Value) {
     let (messages, _) = trace.recount(|_, _| false);
     let (mut counts, mut of) = (BTreeMap::<u64, u64>::new(), BTreeMap::<u64, Vec<u64>>::new());

@@ -16,7 +16,7 @@ use tokio::task::JoinHandle;
 
 use super::{RecordedNetwork, forward};
 
-/// How long a fault is waited for.
+/// A fault must come within this time.
 const PATIENCE: Duration = Duration::from_secs(60);
 const ROUND_TRIP: Duration = Duration::from_millis(200);
 
@@ -76,7 +76,7 @@ fn call() -> Request<()> {
     call.body(()).unwrap()
 }
 
-/// What comes next; the end may have an empty frame of its own.
+/// Returns what comes next; the end may have an empty frame of its own.
 async fn next(body: &mut RecvStream) -> Option<Bytes> {
     loop {
         let data = body.data().await?.unwrap();

@@ -27,12 +27,12 @@ pub(crate) fn run(args: &[&str], input: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
-/// What it printed.
+/// Returns what it printed.
 pub(crate) fn out(output: &Output) -> &str {
     str::from_utf8(&output.stdout).unwrap()
 }
 
-/// What it complained about.
+/// Returns what it complained about.
 pub(crate) fn err(output: &Output) -> &str {
     str::from_utf8(&output.stderr).unwrap()
 }

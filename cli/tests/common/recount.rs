@@ -12,7 +12,7 @@ pub(crate) struct RecountedCall {
     pub(crate) begun: u64,
     pub(crate) due: Option<u64>,
     pub(crate) end: Option<(u64, RecountedEnd)>,
-    /// What stands at the line that began it.
+    /// The annotations of the line that began it.
     pub(crate) annotations: Annotations,
 }
 
@@ -33,7 +33,7 @@ pub(crate) struct RecountedSpan {
     pub(crate) opened: u64,
     pub(crate) deadline: Option<u64>,
     pub(crate) annotations: Annotations,
-    /// Whose result was sent last.
+    /// The source whose result was sent last.
     pub(crate) by: Option<u64>,
     /// When, if the message goes on.
     pub(crate) sent: Option<u64>,
@@ -46,7 +46,7 @@ impl DrawnTrace {
         self.header.commit == Commit::Progressive
     }
 
-    /// Whether the decisions about the input at this index refuse an open.
+    /// Returns whether the decisions about the input at this index refuse an open.
     pub(crate) fn is_refused(&self, index: usize) -> bool {
         let own = self.events[index + 1..].iter().map(|(event, _)| event);
         own.take_while(|event| matches!(event, Event::Decision(_)))
@@ -106,7 +106,7 @@ impl DrawnTrace {
         (messages, calls)
     }
 
-    /// What first ends the call that the line at this index begins.
+    /// Returns what first ends the call that the line at this index begins.
     fn end_of(
         &self,
         of: (u64, u64),
@@ -141,7 +141,7 @@ impl DrawnTrace {
         })
     }
 
-    /// What a source is called; `unnamed` stands before the priority of a cloud without a name.
+    /// Returns what a source is called; `unnamed` stands before the priority of a cloud without a name.
     pub(crate) fn name(&self, p: u64, unnamed: &str) -> String {
         let cloud = self.header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
         match cloud {

@@ -12,18 +12,18 @@ pub(crate) fn run_in(directory: &Path, args: &[&str]) -> Output {
     fuseline(&[&["run"], args].concat()).current_dir(directory).output().unwrap()
 }
 
-/// What `--json` printed.
+/// Returns what `--json` printed.
 pub(crate) fn report(output: &Output) -> Value {
     assert_eq!(out(output).lines().count(), 1, "{}{}", out(output), err(output));
     serde_json::from_str(out(output)).unwrap()
 }
 
-/// What these come to together.
+/// Returns what these come to together.
 pub(crate) fn sum<'a>(counts: impl IntoIterator<Item = &'a Value>) -> u64 {
     counts.into_iter().map(|count| count.as_u64().unwrap()).sum()
 }
 
-/// What each message and each request came to adds up.
+/// Checks that the outcomes of messages and requests add up.
 pub(crate) fn adds_up(report: &Value) {
     let messages = report["messages"].as_u64().unwrap();
     let sources = report["sources"].as_array().unwrap();

@@ -26,15 +26,15 @@ const END_TO_END: Duration = Duration::from_millis(500);
 const FIRST_TICK: Duration = MS;
 const TICK: Duration = Duration::from_millis(50);
 
-/// What came of a drive.
+/// The outcome of a drive.
 #[derive(Clone, Default, Debug)]
 pub(crate) struct Driven {
-    /// How often control was due, and its outputs.
+    /// The number of times that control was due, and its outputs.
     pub(crate) ticks: u64,
     pub(crate) commands: Vec<Command>,
-    /// How many items of detection each source has, and how many are substitutes.
+    /// The number of items of detection that each source has, and how many are substitutes.
     pub(crate) detected_by: BTreeMap<String, usize>,
-    /// How many items of the operators before control are substitutes.
+    /// The number of items of the operators before control that are substitutes.
     pub(crate) substitutes: usize,
     /// Each operator's answer to one frame.
     pub(crate) life: Vec<Stage>,
@@ -55,7 +55,7 @@ impl Driven {
     }
 }
 
-/// How one operator answered one frame.
+/// States how one operator answered one frame.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Stage {
     pub(crate) operator: &'static str,
@@ -65,7 +65,7 @@ pub(crate) struct Stage {
     pub(crate) by: String,
 }
 
-/// How long to drive, what dies when, and where traces go.
+/// The options of a drive: its length, what dies when, and where traces go.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Options<'a> {
     pub(crate) rule: Rule,
@@ -233,8 +233,8 @@ impl Graph {
 /// The name of a source that is none.
 const SUBSTITUTE: &str = "substitute";
 
-/// What a consumer keeps under progressive: no item of an earlier frame than one before it, nor of the same frame by a source
-/// that is no better.
+/// Keeps the items that a consumer would keep under progressive. It drops an item of an earlier
+/// frame than one before it, and an item of the same frame by a source that is no better.
 fn newest(mut items: Items<PerceivedScene>) -> Items<PerceivedScene> {
     let (mut writer, reader) = stream(64);
     tokio::spawn(async move {
@@ -263,7 +263,7 @@ fn start<P: Operator>(
     Ok(items)
 }
 
-/// How many items each source has, and how this operator answered the frame.
+/// Counts the items of each source, and notes how this operator answered the frame.
 async fn note<O: Send + Sync + 'static>(
     operator: &'static str,
     mut items: Items<O>,
@@ -326,7 +326,7 @@ async fn localize(mut places: Writer<u64>, kill: Kill, length: Duration) {
     }
 }
 
-/// How many ticks there were. Each has to be answered before the next one.
+/// Returns how many ticks there were. Each has to be answered before the next one.
 async fn tick_at_20_hz(mut ticks: Writer<()>, length: Duration) -> u64 {
     let start = Instant::now();
     let mut period = interval_at(start + FIRST_TICK, TICK);

@@ -27,7 +27,7 @@ use crate::world::VehiclePart;
 /// Drives the paper's vehicle on board, with clouds, and by each commit rule.
 #[derive(Parser)]
 struct Cli {
-    /// How long each drive is, in seconds.
+    /// The length of each drive, in seconds.
     #[arg(long, default_value_t = 57, value_parser = clap::value_parser!(u64).range(10..=57))]
     seconds: u64,
     /// Kill this part halfway; `each` kills one after the other, in drives of its own.
@@ -103,7 +103,7 @@ fn run(cli: &Cli) -> Result<(), Error> {
     Ok(())
 }
 
-/// Who detected, and whether control was in time.
+/// Prints who detected, and whether control was in time.
 fn print_commands(rule: Rule, driven: &Driven) {
     let slowest = driven.commands.iter().map(|command| command.took).max();
     let slowest = slowest.map_or(0, |took| took.as_millis());

@@ -13,7 +13,7 @@ use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Which results of detection are used, and when.
+/// Selects the results of detection that are used, and when.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Rule {
     /// No operator has a cloud.
@@ -27,20 +27,20 @@ pub(crate) enum Rule {
     Progressive,
 }
 
-/// What all operators know of the drive.
+/// The state of a drive that all operators know.
 #[derive(Clone, Debug)]
 pub(crate) struct Drive {
     pub(crate) rule: Rule,
     pub(crate) recording: Arc<Recording>,
     pub(crate) start: Instant,
     pub(crate) kill: Kill,
-    /// Of the two detectors and the tracker.
+    /// The networks of the two detectors and the tracker.
     pub(crate) west: Network,
     pub(crate) east: Network,
     pub(crate) tracking: Network,
 }
 
-/// What the sensors see of one instant.
+/// The part of the scene that the sensors see at one instant.
 #[derive(Clone, Default, Debug)]
 pub(crate) struct Scene {
     pub(crate) left: Option<Frame>,
@@ -52,11 +52,11 @@ pub(crate) struct Scene {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) number: usize,
-    /// Whether somebody walks towards the road.
+    /// True if somebody walks towards the road.
     pub(crate) walker: bool,
 }
 
-/// What was detected, tracked or planned.
+/// The scene as it was detected, tracked or planned.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct PerceivedScene {
     pub(crate) seen: Seen,
@@ -65,7 +65,7 @@ pub(crate) struct PerceivedScene {
     pub(crate) tracked: u32,
 }
 
-/// What may happen.
+/// A prediction of what may happen.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Prediction {
     scene: PerceivedScene,
@@ -73,7 +73,7 @@ pub(crate) struct Prediction {
     trajectories: [(&'static str, f64); 3],
 }
 
-/// What control needs.
+/// The order that control carries out.
 #[derive(Clone, Default, Debug)]
 pub(crate) struct Order {
     pub(crate) plan: Option<PerceivedScene>,
@@ -106,7 +106,7 @@ impl Rule {
         }
     }
 
-    /// That of detection; the other operators are eager.
+    /// Returns the commit rule of detection. The other operators are eager.
     pub(crate) const fn commit(self) -> Commit {
         match self {
             Self::OnBoard | Self::CloudAlone | Self::FirstResponse | Self::Eager => Commit::Eager,
@@ -126,7 +126,7 @@ impl Rule {
 }
 
 impl Drive {
-    /// What a detector makes of a scene, after as long as it took when it was recorded.
+    /// Returns what a detector makes of a scene, after as long as it took when it was recorded.
     async fn detect(
         &self,
         by: Detector,

@@ -1,4 +1,5 @@
-//! What three networks found in the frames of a video, how long each took, and where people are: recorded once, see
+//! The boxes that three networks found in the frames of a video, the time that each network took,
+//! and the true places of people. They were recorded once, see
 //! `evaluation/python/perception/README.md`.
 
 use std::fmt;
@@ -12,7 +13,7 @@ use serde::Deserialize;
 /// The cameras look at the left and at the right half of the picture.
 const MIDDLE: f64 = 384.0;
 
-/// Who detects: the smaller the network, the sooner its result, and the worse.
+/// A detector. The smaller its network is, the sooner and the worse is its result.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum Detector {
     /// On board.
@@ -23,12 +24,12 @@ pub(crate) enum Detector {
     East,
 }
 
-/// Whose boxes these are: what a message has instead of the boxes themselves.
+/// Names the boxes that a message stands for, in place of the boxes themselves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Seen {
     pub(crate) frame: usize,
     pub(crate) by: Detector,
-    /// Which cameras' frames were there.
+    /// The cameras whose frames were there.
     pub(crate) left: bool,
     pub(crate) right: bool,
 }
@@ -72,7 +73,7 @@ impl Recording {
         self.frames.len()
     }
 
-    /// When a frame is captured, since the first one: 7 a second, as they were filmed.
+    /// Returns when a frame is captured, since the first one: 7 a second, as they were filmed.
     pub(crate) fn captured(frame: usize) -> Duration {
         let frame = u64::try_from(frame).unwrap_or(u64::MAX);
         Duration::from_millis(frame * 500 / 7 * 2)
@@ -84,7 +85,7 @@ impl Recording {
         (0..self.len()).take_while(is_captured).last().unwrap_or(0)
     }
 
-    /// How long a detector computes for a frame.
+    /// Returns how long a detector computes for a frame.
     pub(crate) fn runtime(&self, by: Detector, frame: usize) -> Duration {
         in_steps(*self.frames[frame].seconds.of(by) * 1000.0)
     }
@@ -98,7 +99,7 @@ impl Recording {
         self.frames[seen.frame].found.of(seen.by).iter().filter(is_seen)
     }
 
-    /// Where people are.
+    /// Returns where people are.
     pub(crate) fn reference(&self, frame: usize) -> &[Corners] {
         &self.frames[frame].reference
     }

@@ -25,7 +25,7 @@ pub(crate) struct Command {
     pub(crate) tick: Duration,
     /// Since the tick.
     pub(crate) took: Duration,
-    /// What is behind the plan; none is a safe stop.
+    /// The boxes behind the plan; none is a safe stop.
     pub(crate) seen: Option<Seen>,
 }
 

@@ -1,4 +1,4 @@
-//! What the vehicle is emulated with: parts that can be killed, and networks as they were recorded.
+//! The emulated world of the vehicle: parts that can be killed, and recorded networks.
 
 use std::future::pending;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use tokio::time::{Instant, sleep};
 
 use super::recording::in_steps;
 
-/// What can be killed while the vehicle drives.
+/// A part that can be killed while the vehicle drives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum VehiclePart {
     LeftCamera,
@@ -23,7 +23,8 @@ pub(crate) enum VehiclePart {
     LocalPlanner,
 }
 
-/// Which part dies, and when. A dead sensor sends nothing; a dead cloud or computation never answers.
+/// Kills a part at an instant. A dead sensor sends nothing; a dead cloud or computation never
+/// answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kill {
     part: Option<VehiclePart>,
@@ -89,7 +90,8 @@ impl Kill {
 }
 
 impl Network {
-    /// Of a file of `testkit/data`: instants in its first column, in units of `unit`, and round trips in ms in `column`.
+    /// Reads a file of `testkit/data`, with instants in its first column, in units of `unit`, and
+    /// round trips in ms in `column`.
     pub(crate) fn new(file: &str, unit: Duration, column: usize) -> Self {
         let row = |line: &str| {
             let mut fields = line.split(',');

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use crate::arbitrage::{ArbitrageResult, ArbitrageRow};
 use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, width};
 
-/// Where bars begin, how high a model's place is, and where the first one is.
+/// The place at which bars begin, the height of a model's row, and the place of the first row.
 const LEFT: i32 = 180;
 const HIGH: i32 = 54;
 const TOP: i32 = 112;

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Plan {
     pub(crate) hypothesis: Hypothesis,
-    /// How long it holds after it came, in ns.
+    /// The time for which it holds after it came, in ns.
     pub(crate) validity: u64,
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct ContingencyCalls {
 #[derive(Clone, Copy, Debug)]
 struct CloudCall {
     due: u64,
-    /// When it comes; none: never.
+    /// The instant at which it comes; none: never.
     answer: Option<(u64, Plan)>,
 }
 

@@ -9,7 +9,7 @@ use crate::shape::{Rectangle, first_contact};
 pub(crate) const CAR: (f64, f64) = (4.7, 1.9);
 /// The person is a disc.
 pub(crate) const RADIUS: f64 = 0.3;
-/// How far to the right of the middle of the car's lane the person begins.
+/// The distance of the person's start to the right of the middle of the car's lane.
 pub(crate) const ASIDE: f64 = 1.75;
 /// A person who does not cross within this time never does.
 const END: f64 = 60.0;
@@ -31,7 +31,7 @@ pub(crate) struct SwerveGeometry {
     pub(crate) person_speed: f64,
     /// To the left, at most.
     pub(crate) lateral: f64,
-    /// How fast the wheels turn, in rad/s.
+    /// The speed at which the wheels turn, in rad/s.
     pub(crate) steering_rate: f64,
     pub(crate) deceleration: f64,
 }
@@ -54,12 +54,12 @@ impl SwerveGeometry {
         [self.distance, self.person_speed * now - ASIDE]
     }
 
-    /// When the person has crossed the car's way.
+    /// Returns when the person has crossed the car's way.
     fn crossed(&self) -> f64 {
         ((ASIDE + CAR.1 / 2.0 + RADIUS) / self.person_speed).min(END)
     }
 
-    /// When the car touches the person, if it responds after so long.
+    /// Returns when the car touches the person, if it responds after so long.
     pub(crate) fn contact(&self, speed: f64, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
         let gap = |car: Rectangle, now: f64| (car.distance_to(self.person(now)) - RADIUS).max(0.0);
         match manoeuvre {
@@ -80,8 +80,8 @@ impl SwerveGeometry {
         }
     }
 
-    /// When a car that swerves is past the person's line with all of it, or drives across the road: then it is ahead of the
-    /// person, or has not come so far.
+    /// Returns when a swerving car is past the person's line with its whole length, or drives
+    /// across the road. Then the car is ahead of the person, or has not come that far.
     fn past(&self, swerve: &Swerve, response: f64) -> f64 {
         const STEP: f64 = 0.01;
         let mut now = 0.0;

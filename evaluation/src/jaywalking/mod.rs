@@ -54,13 +54,13 @@ pub(crate) struct Args {
     /// The distance from the car's front to the person's line when the person enters the road, in m.
     #[arg(long, value_name = "M", default_value = "10", value_parser = above_0)]
     distance: f64,
-    /// How fast the person walks to the left, in m/s †.
+    /// The speed at which the person walks to the left, in m/s †.
     #[arg(long, value_name = "V", default_value = "1.5", value_parser = not_below_0)]
     person_speed: f64,
     /// The greatest acceleration of the car to the left, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7", value_parser = above_0)]
     lateral: f64,
-    /// How fast the wheels turn until it swerves so hard, in rad/s †.
+    /// The speed at which the wheels turn until it swerves so hard, in rad/s †.
     #[arg(long, value_name = "R", default_value = "0.4", value_parser = above_0)]
     steering_rate: f64,
     /// Full braking, in m/s² †.
@@ -72,7 +72,8 @@ pub(crate) struct Args {
     /// Speeds of the car, in m/s †.
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "9", value_parser = speed)]
     speed: Vec<f64>,
-    /// What else may happen than what the plan on board is for, with its probability; the likeliest is planned first †.
+    /// Another event that may happen, for which the plan on board is not made, with its
+    /// probability; the likeliest is planned first †.
     #[arg(
         long,
         value_name = "NAME=P,…",
@@ -80,7 +81,7 @@ pub(crate) struct Args {
         default_value = "car-pulls-out=0.15,person-enters=0.1,cyclist-swerves=0.06,door-opens=0.04"
     )]
     hypothesis: Vec<UnlikelyEvent>,
-    /// How many plans may be requested of the cloud at once †.
+    /// The number of plans that may be requested of the cloud at once †.
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u16).range(1..=64))]
     plans_at_once: u16,
     #[command(flatten)]

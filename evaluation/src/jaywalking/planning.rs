@@ -8,17 +8,17 @@ use crate::operator::{ScenarioMessage, ScenarioOperator};
 
 /// The planner gets a message so often, in ns.
 const EVERY: u64 = 100_000_000;
-/// When the person enters the road: messages before are without.
+/// The instant at which the person enters the road: messages before it show nobody.
 pub(crate) const ENTERS: u64 = 20 * EVERY;
 /// The last message.
 const LAST: u64 = 30 * EVERY;
-/// When the person might enter, by the message that comes then.
+/// The instant of the message that shows that the person might enter.
 const FORESEEN: u64 = 5 * EVERY;
-/// How long the side request may take.
+/// The time that the side request may take.
 const DEADLINE: u64 = 1_000_000_000;
-/// How long it takes, unless it is late.
+/// The time that it takes, unless it is late.
 const TAKES: u64 = 400_000_000;
-/// How long its plan holds, unless it has expired.
+/// The time that its plan holds, unless it has expired.
 const VALIDITY: u64 = 5_000_000_000;
 /// Side requests at once.
 const LIMIT: usize = 1;
@@ -45,9 +45,9 @@ pub(crate) enum PlanCallOutcome {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planning {
     pub(crate) cloud: PlanCallOutcome,
-    /// How long the planner computes.
+    /// The time for which the planner computes.
     pub(crate) planner: f64,
-    /// How long it takes with a cached plan.
+    /// The time that it takes with a cached plan.
     pub(crate) cached: f64,
 }
 
@@ -115,8 +115,9 @@ impl Planning {
         PlannerOutput { response, is_cached, trace: operator.into_trace() }
     }
 
-    /// The same with so many hypotheses, of which one comes true. Their plans are requested in their order, so many
-    /// at once. Returns the response, and whether the plan was cached.
+    /// Plays the drive with several hypotheses, of which one comes true. Their plans are requested
+    /// in their order, `plans_at_once` at a time. Returns the response, and whether the plan was
+    /// cached.
     pub(crate) fn with_hypotheses(
         &self,
         count: usize,

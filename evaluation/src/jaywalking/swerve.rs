@@ -30,13 +30,13 @@ const STEP: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub(crate) struct Swerve {
     speed: f64,
-    /// Of the steering angle, in rad/s.
+    /// The rate of the steering angle, in rad/s.
     rate: f64,
-    /// How long the wheels turn.
+    /// The time for which the wheels turn.
     turning: f64,
-    /// How fast the heading turns in the end, in rad/s.
+    /// The speed at which the heading turns in the end, in rad/s.
     turn: f64,
-    /// How long a step of `places` is.
+    /// The duration of a step of `places`.
     step: f64,
     /// The centre of mass after each step, until it drives on a circle.
     places: Vec<Point>,
@@ -68,7 +68,7 @@ impl Swerve {
         self.speed + self.turn * REACH
     }
 
-    /// Where the centre of mass is after so long, from where the swerve began, and the heading in rad.
+    /// Returns where the centre of mass is after so long, from where the swerve began, and the heading in rad.
     pub(crate) fn pose(&self, after: f64) -> (Point, f64) {
         let heading = self.heading(after);
         let number = self.index(after);
@@ -106,7 +106,7 @@ impl Swerve {
         (lag, lag * INERTIA)
     }
 
-    /// What a ramp of the steering angle leaves once its wheels have stopped: the ramp without the one that would follow.
+    /// Returns what a ramp of the steering angle leaves once its wheels have stopped: the ramp without the one that would follow.
     fn after_ramp(&self, after: f64, ramp: impl Fn(f64) -> f64) -> f64 {
         let beyond = if after > self.turning { ramp(after - self.turning) } else { 0.0 };
         self.rate * (ramp(after) - beyond)

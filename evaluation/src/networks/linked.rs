@@ -10,8 +10,8 @@ use crate::link::RecordedLink;
 use crate::models::REPLY_BYTES;
 use crate::networks::policy::OBSERVED;
 
-/// How long the cloud takes for each frame, from 30 s before a start on. All frames are sent, so that this is the same for
-/// all policies.
+/// The cloud's response for each frame, from 30 s before a start on. All frames are sent, so the
+/// responses are the same for all policies.
 pub(crate) struct LinkedResponses {
     /// By the frame's distance from the start, in frames: the ones before it backwards, from the last.
     before: Vec<Option<u64>>,
@@ -22,7 +22,7 @@ pub(crate) struct LinkedResponses {
 /// A frame's way, with instants from 30 s before the start.
 struct LinkedFrame {
     captured: u64,
-    /// When its reply comes to the downlink.
+    /// The instant at which its reply comes to the downlink.
     replied: Option<u64>,
 }
 

@@ -71,13 +71,13 @@ pub(crate) struct Args {
     /// Speeds, in m/s [default: 11 to 30 in steps of 1].
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,12,13,14,15,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30", hide_default_value = true, value_parser = speed)]
     speed: Vec<f64>,
-    /// Who answers: local, cloud, first, a constant deadline such as 500ms, guard, expected.
+    /// The policies: local, cloud, first, a constant deadline such as 500ms, guard, expected.
     #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,500ms,760ms,guard,expected", value_parser = ResponsePolicy::parse)]
     policy: Vec<ResponsePolicy>,
-    /// How many moments, evenly over each drive, at which the obstacle comes into sight.
+    /// The number of moments, evenly over each drive, at which the obstacle comes into sight.
     #[arg(long, value_name = "N", default_value = "400", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     starts: u32,
-    /// How long the cloud computes; its response is that plus the drive's round trip.
+    /// The runtime in the cloud; its response is that plus the drive's round trip.
     #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = time)]
     cloud_runtime: f64,
     #[command(flatten)]
@@ -98,7 +98,7 @@ pub(crate) struct DriveRow {
     speed: f64,
     policy: ResponsePolicy,
     starts: u32,
-    /// How many starts end in a collision.
+    /// The number of starts that end in a collision.
     collisions: u32,
     /// The mean square of the speed at impact, in m²/s².
     energy: f64,
@@ -107,7 +107,7 @@ pub(crate) struct DriveRow {
 /// A vehicle on its way, before it is known how fast.
 struct DriveStart<'a> {
     drive: &'a Drive,
-    /// When the cloud responds over a link that has a rate.
+    /// The responses of the cloud over a link that has a rate.
     linked: Option<LinkedResponses>,
     start_index: u32,
     at: Duration,
@@ -268,7 +268,7 @@ impl Setting<'_> {
 }
 
 impl DriveStart<'_> {
-    /// How the runs from here end, speed by speed and policy by policy.
+    /// Returns how the runs from here end, speed by speed and policy by policy.
     fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, ScenarioError> {
         setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
     }

@@ -75,7 +75,8 @@ impl PlotView {
     }
 }
 
-/// How high the picture is: so that all is shown by which policies other than local alone differ.
+/// Returns the height of the picture, at which all differences of other policies from local alone
+/// are visible.
 fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
     let others = || curves.iter().filter(|(policy, _)| *policy != ResponsePolicy::Local);
     let at =

@@ -12,7 +12,7 @@ use serde::{Serialize, Serializer};
 use crate::approach::{Approach, Vehicle, nanos};
 use crate::options::time_above_0;
 
-/// How long before the first frame calls are observed.
+/// Calls are observed for this long before the first frame.
 pub(crate) const OBSERVED: Duration = Duration::from_secs(30);
 
 /// The source that answers, and its deadline.
@@ -78,15 +78,16 @@ impl Serialize for ResponsePolicy {
     }
 }
 
-/// Where a drive is so long before `start`: one that is over starts again, so that its end lies before its beginning.
+/// Returns the instant of a drive at `age` before `start`. A drive that is over starts again, so
+/// its end lies before its beginning.
 pub(crate) fn before(drive: &Drive, start: Duration, age: Duration) -> Duration {
     let laps = age.as_nanos().div_ceil(drive.length().as_nanos());
     let laps = u32::try_from(laps).unwrap_or(u32::MAX);
     (start + drive.length() * laps).saturating_sub(age)
 }
 
-/// How calls ended that began in the 30 s before a start: those answered until then, and the ages of the others. `response`
-/// is that of the call of this age.
+/// Returns how the calls ended that began in the 30 s before a start: those answered until then,
+/// and the ages of the others. `response` returns the response of the call of an age.
 pub(crate) fn observe(
     vehicle: &Vehicle,
     response: impl Fn(Duration) -> Option<Duration>,

@@ -6,7 +6,7 @@ use crate::networks::policy::ResponsePolicy;
 use crate::networks::{DriveRow, NetworksResult};
 use crate::paint::{BAD, GOOD, paint, written};
 
-/// How wide a name and a cell are.
+/// The widths of a name and of a cell.
 const NAME: usize = 15;
 const CELL: usize = 9;
 
@@ -28,7 +28,7 @@ pub(crate) fn mean(
     if count > 0.0 { sum / count } else { 0.0 }
 }
 
-/// How many starts in a hundred collide.
+/// Returns how many starts in a hundred collide.
 pub(crate) fn percent(row: &DriveRow) -> f64 {
     100.0 * f64::from(row.collisions) / f64::from(row.starts)
 }

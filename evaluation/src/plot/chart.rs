@@ -22,7 +22,7 @@ pub type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
 /// Drawing into a string does not fail.
 pub const DRAWN: &str = "a drawing in memory";
 
-/// How a line of text is set.
+/// States how a line of text is set.
 #[derive(Clone, Copy)]
 pub struct TextLine {
     size: f64,
@@ -74,7 +74,7 @@ impl TextLine {
     }
 }
 
-/// Of our pictures, then what a viewer of the SVG has.
+/// The font of our pictures, then the fonts of a viewer of the SVG.
 const FAMILY: &str = "Inter, system-ui, sans-serif";
 
 /// Draws on a sheet of this size with a title and a line below it.
@@ -152,7 +152,7 @@ impl Axes {
         self.scaled(theme, canvas, (self.x.clone(), self.y.clone()))
     }
 
-    /// The same with scales of the caller's; they have the ranges.
+    /// Draws a chart with the caller's scales, which have the ranges.
     ///
     /// # Panics
     /// Never: drawing into a string does not fail.

@@ -30,7 +30,8 @@ pub(super) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<C
     pieces
 }
 
-/// Which part of a way, of the part that is left, lies between two edges; none has its end before its begin.
+/// Returns the part of the rest of a way that lies between two edges. If there is none, the end is
+/// before the beginning.
 fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) -> ChartPoint {
     if by == 0.0 {
         let is_between = (edges.start..=edges.end).contains(&at);

@@ -20,7 +20,7 @@ const FRAMES: usize = 3;
 /// The deadline of the request for locations.
 const DEADLINE: u64 = 500_000_000;
 
-/// How ego learns of the runner.
+/// The source from which ego learns of the runner.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WarningSource {
@@ -53,14 +53,14 @@ pub(crate) struct Crossing<'a> {
     pub(crate) round_trip: f64,
 }
 
-/// How a run ended, in s.
+/// States how a run ended, in s.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Crossed {
-    /// When it was decided to brake.
+    /// The instant at which it was decided to brake.
     pub(crate) decided: Option<f64>,
-    /// When the cars touched.
+    /// The instant at which the cars touched.
     pub(crate) contact: Option<f64>,
-    /// How long before the meeting the brakes bit.
+    /// The time before the meeting at which the brakes bit.
     pub(crate) brakes_before: Option<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Ego {
 struct CrossingOperator {
     operator: ScenarioOperator,
     name: &'static str,
-    /// How many messages came.
+    /// The number of messages that came.
     messages: u32,
 }
 
@@ -135,7 +135,7 @@ impl Crossing<'_> {
         (Crossed { decided, contact, brakes_before: in_time.map(before) }, traces)
     }
 
-    /// When ego decides to brake, by whichever of its two streams reports it first.
+    /// Returns when ego decides to brake, by whichever of its two streams reports it first.
     fn decide(
         &self,
         detections: &mut CrossingOperator,
@@ -169,7 +169,7 @@ impl Crossing<'_> {
         None
     }
 
-    /// When the next message comes.
+    /// Returns when the next message comes.
     fn coming(&self, detections: &CrossingOperator, neighbours: &CrossingOperator) -> u64 {
         let frame = captured(detections.messages);
         match self.approach {
@@ -234,7 +234,7 @@ impl Crossing<'_> {
     }
 }
 
-/// How long before the meeting, to a nanosecond.
+/// Returns the instant of the time before the meeting, to a nanosecond.
 fn before(bite: f64) -> f64 {
     ((MEETING - bite) * 1e9).round() / 1e9
 }

@@ -9,16 +9,16 @@ use crate::shape::{Point, Rectangle, first_contact, is_hidden};
 pub(crate) const CAR: (f64, f64) = (4.7, 1.9);
 /// The middle of ego's lane.
 pub(crate) const LANE: f64 = -1.75;
-/// How far behind ego's front its camera is, in m.
+/// The distance of ego's camera behind its front, in m.
 const CAMERA: f64 = 1.8;
-/// How far to each side the camera sees, in degrees.
+/// The angle that the camera sees to each side, in degrees.
 const VIEW: f64 = 60.0;
-/// When both cars would be at their references, in s.
+/// The instant at which both cars would be at their references, in s.
 pub(crate) const MEETING: f64 = 6.0;
-/// How long after that everything is over, in s.
+/// The time after that at which everything is over, in s.
 const AFTER: f64 = 10.0;
 
-/// Which intersection.
+/// The layout of the intersection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Variant {
@@ -40,7 +40,7 @@ pub(crate) struct Intersection {
     pub(crate) runner_at: Point,
     /// The place of ego's front at that time.
     pub(crate) ego_at: f64,
-    /// How far before `runner_at` the runner would have to stop.
+    /// The distance before `runner_at` at which the runner would have to stop.
     pub(crate) line: f64,
     pub(crate) occluder: &'static [Point],
 }
@@ -102,7 +102,7 @@ pub(crate) struct CrossingGeometry {
     pub(crate) intersection: &'static Intersection,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
-    /// How much later than ego the runner is at its reference, in s.
+    /// The time by which the runner reaches its reference later than ego, in s.
     pub(crate) delta: f64,
     pub(crate) has_occluder: bool,
 }
@@ -150,7 +150,7 @@ impl CrossingGeometry {
         })
     }
 
-    /// When the cars touch, if ego decides to brake at `decided`, or never.
+    /// Returns when the cars touch, if ego decides to brake at `decided`, or never.
     pub(crate) fn contact(&self, decided: Option<f64>, brakes: &Brakes) -> Option<f64> {
         let bite = decided.map(|decided| decided + brakes.delay);
         let fastest = self.ego_speed + self.runner_speed;

@@ -59,7 +59,7 @@ pub(crate) struct Args {
     /// The speed of the car that runs the light, in m/s † [default: 14].
     #[arg(long, value_name = "V", value_parser = speed)]
     runner_speed: Option<f64>,
-    /// How much later than ego the other car reaches its place; below 0 it is earlier.
+    /// The time by which the other car reaches its place later than ego; below 0 it is earlier.
     #[arg(long, value_name = "TIME,TIME,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-200ms,-100ms,0s,100ms,200ms", value_parser = signed_time)]
     delta: Vec<f64>,
     /// Round trips between ego and the cloud.
@@ -68,22 +68,22 @@ pub(crate) struct Args {
     /// Nothing hides the car.
     #[arg(long)]
     no_occluder: bool,
-    /// How far the detector on board sees, in m †.
+    /// The range of the detector on board, in m †.
     #[arg(long, value_name = "M", default_value = "39", value_parser = not_below_0)]
     range_local: f64,
-    /// How far the detector in the cloud sees, in m †.
+    /// The range of the detector in the cloud, in m †.
     #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
     range_cloud: f64,
     /// From a frame's capture until the result on board.
     #[arg(long, value_name = "TIME", default_value = "301.7ms", value_parser = time)]
     local_response: f64,
-    /// How long the detector in the cloud computes.
+    /// The runtime of the detector in the cloud.
     #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = time)]
     cloud_runtime: f64,
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// How long after the decision the brakes bite †.
+    /// The time from the decision until the brakes bite †.
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time)]
     brake_delay: f64,
     #[command(flatten)]
@@ -100,7 +100,7 @@ pub(crate) struct RedLightRun {
     round_trip: Option<f64>,
     collides: bool,
     brakes_before: Option<f64>,
-    /// When the cars touch, in s.
+    /// The instant at which the cars touch, in s.
     contact: Option<f64>,
 }
 
@@ -132,9 +132,9 @@ impl Args {
 #[derive(Clone, Serialize)]
 struct RedLightParameters {
     variant: Vec<Variant>,
-    /// Of each variant.
+    /// The speed of ego in each variant.
     ego_speed: Vec<f64>,
-    /// Of each variant.
+    /// The speed of the runner in each variant.
     runner_speed: Vec<f64>,
     delta: Vec<f64>,
     round_trip: Vec<f64>,

@@ -8,7 +8,7 @@ use crate::red_light::geometry::{CrossingGeometry, MEETING};
 use crate::red_light::{Args, RedLightResult, RedLightRun};
 use crate::shape::{Point, Rectangle as Car};
 
-/// How many units a metre has.
+/// The number of units in a metre.
 const METRE: f64 = 11.0;
 /// The visible area in m, horizontally and vertically.
 const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
@@ -179,7 +179,7 @@ fn keys(theme: &Theme, canvas: &Canvas<'_>) {
     }
 }
 
-/// How long ten metres are.
+/// Draws a ruler of ten metres.
 fn ruler(theme: &Theme, canvas: &Canvas<'_>) {
     let [from, to] = [pixel([10.0, 17.5]), pixel([20.0, 17.5])];
     canvas.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);

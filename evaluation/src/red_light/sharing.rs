@@ -8,7 +8,7 @@ use crate::shape::Point;
 
 /// Vehicles report where they are so often, in ns.
 pub(crate) const EVERY: u64 = 100_000_000;
-/// When the runner begins.
+/// The instant at which the runner begins.
 const RUNNER_FROM: u64 = 50_000_000;
 /// A car that would need more than this to stop at its line will not stop, in m/s².
 const HARD: f64 = 4.0;
@@ -64,7 +64,7 @@ impl<'a> Exchange<'a> {
         Self { geometry, service: ReportedLocations::default(), runner_next: RUNNER_FROM }
     }
 
-    /// What the service answers to ego's report at this instant; what the runner sent until then has reached it.
+    /// Returns what the service answers to ego's report at this instant; what the runner sent until then has reached it.
     pub(crate) fn ego(&mut self, at: u64) -> Vec<VehicleState> {
         while self.runner_next <= at {
             self.service.report(

@@ -7,7 +7,7 @@ use crate::paper::PAPER;
 use crate::red_light::crossing::WarningSource;
 use crate::red_light::{RedLightResult, RedLightRun};
 
-/// How wide a cell is.
+/// The width of a cell.
 const CELL: usize = 8;
 
 pub(crate) fn text(result: &RedLightResult) -> String {

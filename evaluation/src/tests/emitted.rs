@@ -26,7 +26,7 @@ fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {
     lines.filter_map(of).collect()
 }
 
-/// When the vehicle decides: at the earliest instant by which some three consecutive timestamps with output report.
+/// Returns when the vehicle decides: at the earliest instant by which some three consecutive timestamps with output report.
 fn decided(drive: &ApproachRun<'_>, outputs: &BTreeMap<u64, (f64, Option<u64>)>) -> Option<f64> {
     let mut best: Option<f64> = None;
     for first in outputs.keys() {

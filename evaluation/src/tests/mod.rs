@@ -1,4 +1,5 @@
-//! What hard-coding does not pass, and a second simulation that shares no code with the first.
+//! Tests that hard-coded results would not pass, and a second simulation that shares no code with
+//! the first.
 
 mod checks;
 mod crossing;
@@ -42,7 +43,7 @@ fn any_vehicle(random: &mut Rng) -> (Vehicle, f64) {
     (vehicle, random.f64_between(8.0, 32.0))
 }
 
-/// How a drive ends, with these responses of the cloud by the instant of capture.
+/// Returns how a drive ends, with these responses of the cloud by the instant of capture.
 fn end(drive: &ApproachRun<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
     let mut operator = ScenarioOperator::new("", drive.frames(), false);
     let (end, _) = drive.run(&mut operator, response);
@@ -50,7 +51,7 @@ fn end(drive: &ApproachRun<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveO
     end
 }
 
-/// The same with one response for all frames, in s.
+/// Returns how a drive ends with one response for all frames, in s.
 fn end_at(drive: &ApproachRun<'_>, response: f64) -> DriveOutcome {
     let takes = nanos(response);
     end(drive, |_| Some(takes))

@@ -13,12 +13,12 @@ use crate::operator::ScenarioOperator;
 use crate::paper::PAPER;
 use crate::plot::Folder;
 
-/// How the deadline of *ours* is chosen.
+/// States how the deadline of *ours* is chosen.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum DeadlineChoice {
     /// The longest that is safe.
     Guard,
-    /// The one of least mean loss up to there, by calls that took the response.
+    /// Takes the deadline of least mean loss up to that, by calls that took the response.
     Expected,
     /// Always the same.
     Constant(Duration),
@@ -46,11 +46,11 @@ pub(crate) struct Cell {
     pub(crate) impact: Option<[f64; 2]>,
     /// The least and the greatest gap that is left.
     pub(crate) gap: Option<[f64; 2]>,
-    /// How it ends in the paper; none: the paper has no such cell.
+    /// The outcome in the paper, or `None` if the paper has no such cell.
     pub(crate) paper: Option<Colour>,
 }
 
-/// How a cell is marked.
+/// States how a cell is marked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Colour {
@@ -96,7 +96,7 @@ impl Jam {
         Ok(Self { vehicle, deadline, guard })
     }
 
-    /// Where the obstacle comes into range, in frames after a capture: evenly over the frames that local is busy with.
+    /// Returns where the obstacle comes into range, in frames after a capture: evenly over the frames that local is busy with.
     pub(crate) fn phases(&self) -> Vec<f64> {
         let busy = self.vehicle.frames_of_local();
         let (width, count) =
@@ -133,7 +133,7 @@ impl Jam {
         ApproachRun { vehicle: &self.vehicle, speed, phase, approach, deadline }
     }
 
-    /// How the drive of this phase ends; its trace is written to the folder.
+    /// Returns how the drive of this phase ends; its trace is written to the folder.
     fn run(
         &self,
         question: &CellParameters,
@@ -156,7 +156,7 @@ impl Jam {
         Ok(end)
     }
 
-    /// How all drives of a cell end, in the order of their phases.
+    /// Returns how all drives of a cell end, in the order of their phases.
     pub(crate) fn ends(
         &self,
         question: &CellParameters,
@@ -198,7 +198,7 @@ impl Jam {
         questions.par_iter().map(|question| self.cell(question, traces)).collect()
     }
 
-    /// Whether a cell is so; it drives no more phases than the answer needs.
+    /// Returns whether a cell has this outcome. It drives no more phases than the answer needs.
     pub(crate) fn is(
         &self,
         question: &CellParameters,

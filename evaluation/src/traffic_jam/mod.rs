@@ -164,7 +164,7 @@ impl TrafficJamResult {
         cell.approach == Approach::Ours && impacts.is_some_and(|([_, own], [_, local])| own > local)
     }
 
-    /// How many cells are as in the paper, and how many it has.
+    /// Returns the number of cells that are as in the paper, and how many it has.
     fn agreement(&self) -> (usize, usize) {
         let known = self.cells.iter().filter(|cell| cell.paper.is_some());
         (known.clone().filter(|cell| cell.is_as_in_paper()).count(), known.count())

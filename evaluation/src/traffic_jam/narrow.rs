@@ -1,4 +1,5 @@
-//! How narrow the reproduction is, what constant deadlines do, and what the paper does not say.
+//! Finds how narrow the reproduction is, what constant deadlines do, and what the paper does not
+//! say.
 
 use std::time::Duration;
 
@@ -28,7 +29,7 @@ pub(crate) struct Interval {
     pub(crate) greatest: f64,
 }
 
-/// How many of the paper's 30 cells of *ours* a constant deadline misses.
+/// Counts the paper's 30 cells of *ours* that a constant deadline misses.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct ConstantMisses {
     pub(crate) deadline: f64,
@@ -113,7 +114,7 @@ pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
     })
 }
 
-/// How far a parameter may go: in steps of this part of it until the table breaks, then to a ten-thousandth.
+/// Returns how far a parameter may go: in steps of this part of it until the table breaks, then to a ten-thousandth.
 fn edge(value: f64, step: f64, holds: impl Fn(f64) -> bool) -> f64 {
     const STEPS: u32 = 200;
     let at = |steps: u32| (value * (1.0 + step * f64::from(steps))).max(0.0);
@@ -128,7 +129,7 @@ fn edge(value: f64, step: f64, holds: impl Fn(f64) -> bool) -> f64 {
     good
 }
 
-/// How many cells of *ours* differ under a constant deadline.
+/// Returns how many cells of *ours* differ under a constant deadline.
 pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
     let deadline = DeadlineChoice::Constant(Duration::from_secs_f64(deadline));
     let Ok(jam) = Jam::new(vehicle, deadline) else { return 0 };
@@ -148,7 +149,7 @@ pub(crate) fn constants(vehicle: Vehicle) -> Constants {
     Constants { some, best: best.expect("some were looked through") }
 }
 
-/// How a vehicle without deadlines ends.
+/// Returns how a vehicle without deadlines ends.
 fn colour(
     vehicle: Vehicle,
     approach: Approach,
@@ -173,7 +174,7 @@ pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, ScenarioEr
     PAPER.traffic_jam.speeds().into_iter().map(of).collect()
 }
 
-/// Where the paper's picture is: the cloud at the median response avoids, its model on board does not.
+/// Returns where the paper's picture is: the cloud at the median response avoids, its model on board does not.
 pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, ScenarioError> {
     let board = Vehicle { local_serial: false, ..vehicle.with_model_on_board(ON_BOARD) };
     let above = first(|speed| Ok(colour(board, Approach::Local, speed, 0.0)? == Colour::Collides))?;

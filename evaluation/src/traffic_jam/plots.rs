@@ -15,7 +15,7 @@ use crate::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
 const LONGEST: f64 = 3.5;
-/// How finely deadlines are looked through, in s.
+/// The step between the deadlines that are tried, in s.
 const STEP: f64 = 0.02;
 /// The number of steps to the longest one.
 const STEPS: u32 = 175;

@@ -8,7 +8,7 @@ use crate::traffic_jam::cells::{Cell, Colour};
 use crate::traffic_jam::narrow::{ConstantMisses, Constants, MEDIAN, ON_BOARD, OnBoardCells};
 use crate::traffic_jam::{ExtraResults, TrafficJamResult};
 
-/// How wide a cell is.
+/// The width of a cell.
 const CELL: usize = 7;
 
 /// Explains the mark of a cell.

@@ -13,7 +13,7 @@ use fuseline_traces::{Cloud, Commit, Decision, Header, Input, Recorder, Recordin
 
 const LOCAL: u64 = 0;
 const CLOUD: u64 = 1;
-/// How long local and the cloud may take.
+/// The deadline of local and of the cloud.
 const LOCAL_DEADLINE_NS: u64 = 100_000_000;
 const CLOUD_DEADLINE_NS: u64 = 40_000_000;
 const CLOUD_ADDRESS: &str = "127.0.0.1:50129";

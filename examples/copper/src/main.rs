@@ -10,7 +10,7 @@ use rustix::process::{Signal, getpid, kill_process};
 
 use crate::detector::Detector;
 
-/// How many frames there are, and the time from one to the next.
+/// The number of frames, and the time from one to the next.
 const FRAMES: u64 = 60;
 const PERIOD_NS: u64 = 50_000_000;
 

@@ -1,4 +1,5 @@
-//! How a simulated run is judged: by its trace beside a model of the queues, by its counts, and by named checks.
+//! Judges a simulated run by its trace beside a model of the queues, by its counts, and by named
+//! checks.
 //!
 //! The simulator of operators in [`simulate`](crate::simulate) and the simulator of ROS 2 nodes in `adapters/ros2` share it.
 

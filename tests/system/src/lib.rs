@@ -1,4 +1,4 @@
-//! What tests the system as it ships, each behind a feature of its name:
+//! Tests of the system as it ships, each behind a feature of its name:
 //!
 //! - [`parsers`]: every parser of what comes from outside, over any bytes.
 //! - [`judge`]: how a simulated run is judged; the tests of the ROS 2 node use it too.

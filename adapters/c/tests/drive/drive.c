@@ -19,7 +19,7 @@ static void final_of(const fuseline_answer *a) {
   say_end(&said);
 }
 
-/* What a firing or an input led to. */
+/* Writes the decisions that a firing or an input led to. */
 static void conclude(const fuseline_answer *a, uint64_t p) {
   uint32_t i;
   switch (a->outcome) {

@@ -75,7 +75,7 @@ from fuseline._validation import (
     ns,
 )
 
-#: Of the installed wheel.
+#: The version of the installed wheel.
 __version__: str = _version("fuseline")
 
 __all__ = [

@@ -13,11 +13,11 @@ from fuseline._errors import CallError
 
 _log = logging.getLogger("fuseline")
 
-#: What an action is made of: the shape of its numbers, which begins with `bool` if they are bools,
+#: The form of an action: the shape of its numbers, which begins with `bool` if they are bools,
 #: the parts of a dictionary, or another type.
 Form: TypeAlias = "tuple[int | type[bool], ...] | dict[Any, Form] | type"
 
-#: How much of a text is repeated in an error.
+#: At most this many characters of a text are repeated in an error.
 _SHORT_LEN = 100
 
 

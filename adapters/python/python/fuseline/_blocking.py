@@ -45,7 +45,7 @@ class BlockingOperator(Generic[M, V]):
         self._thread: threading.Thread | None = None
         self._process = os.getpid()
         self._has_ended = threading.Event()
-        #: Whether it was logged that it holds up another event loop.
+        #: True once it was logged that it holds up another event loop.
         self._is_warned = False
 
     async def __aenter__(self) -> None:

@@ -71,7 +71,7 @@ class ArrivedChunk:
         self.begun: int | None = None
 
     def action(self, t: int, max_age: int) -> StampedValue[Any] | None:
-        """What it has for a tick, unless that would be too old."""
+        """Returns its action for a tick, unless that would be too old."""
         place = t - self.first
         if 0 <= place < len(self.actions) and 0 <= t - self.of <= max_age:
             return self.actions[place]
@@ -116,7 +116,7 @@ class ChunkPlan:
         self.chunk = chunk
         self._remote = remote
         self._ended, self._check = ended, check
-        #: Why the latest call failed, until one brings a chunk.
+        #: The error of the latest call that failed, until a call brings a chunk.
         self.why: str | None = None
         self._within = nanoseconds(chunk.within) / 1e9
         if not self._within:
@@ -129,9 +129,9 @@ class ChunkPlan:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._episode = self._tick = 0
         self._next = 0
-        #: How many ticks came so late that all chunks were dropped.
+        #: The number of ticks that came so late that all chunks were dropped.
         self._stalls = 0
-        #: Whether a chunk was reported that has too few actions.
+        #: True once a chunk was reported that has too few actions.
         self._is_short = False
 
     def request(self, observation: Any, t: int) -> None:
@@ -159,7 +159,7 @@ class ChunkPlan:
         age = t - chunk.begun
         action = self.chunk.blend(earlier and earlier.value, later.value, age, last)
         self._check(action)
-        # What nothing was changed of is of its own message; a blend is of the oldest (D2).
+        # An unchanged action is of its own message; a blend is of the oldest one (D2).
         if earlier is None or not _differs(action, later.value):
             return replace(later, value=action)
         # A blend is meant for this tick only if both actions are (D18).
@@ -297,7 +297,7 @@ def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
 def _clipped(step: Any, most: float) -> Any:
     if hasattr(step, "clip"):
         return step.clip(-most, most)
-    # What is not a number is no step of the greatest length.
+    # A step that is not a number is not the step of the greatest length.
     return max(-most, min(most, step)) if step == step else step
 
 

@@ -53,7 +53,7 @@ _FINAL = Ending.FINAL
 
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: How many tasks of a source that should have ended may go on, before it gets no more (D8).
+#: A source whose tasks do not end gets no more once this many go on (D8).
 OVERDUE_TASKS = 1024
 
 _log = logging.getLogger("fuseline")
@@ -109,7 +109,7 @@ class Driver(Generic[M, V]):
             self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoder)
         #: The sources whose wiring was reported as wrong.
         self._miswired_sources: set[int] = set()
-        #: Of the open messages that have one.
+        #: The lineages of the open messages that have one.
         self._lineages: dict[int, Lineage] = {}
         self._read_clock, self._lag_warning = clock, lag_warning
         self._output = output
@@ -225,7 +225,7 @@ class Driver(Generic[M, V]):
         encodes, named = source.encoder is not None, f"{self.name}: {cloud.cloud.name}"
         return p, source, source.limit, cloud.handle, cloud.response_handler, encodes, named, False
 
-    # What the extension calls.
+    # The extension calls these methods.
 
     def _call_of(self, now: int, t: int, left: float) -> Call:
         """Returns the `Call` of a message that may have a lineage."""

@@ -19,7 +19,7 @@ from fuseline._wiring import check_read
 
 _log = logging.getLogger("fuseline")
 
-#: How many encodings of a cloud may run on past their deadlines, before no other is begun.
+#: No encoding is begun while this many of a cloud run on past their deadlines.
 HUNG_ENCODERS = 16
 
 
@@ -50,7 +50,7 @@ class EncodedRequest:
         """Returns the request, encoded by these threads unless another call began that."""
         if self._future is None:
             self._future = threads.run(self._raw)
-        # What others may wait for does not end with this call.
+        # A future that others may wait for does not end with this call.
         return await (asyncio.shield(self._future) if self._is_shared else self._future)
 
 

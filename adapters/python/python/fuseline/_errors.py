@@ -61,7 +61,7 @@ class CallError(Error):
     """Describes in a few plain words why a call to a cloud failed."""
 
 
-#: How many characters of what an exception says are looked at.
+#: At most this many characters of an exception's text are looked at.
 _SHORT_LEN = 2000
 
 

@@ -1,4 +1,4 @@
-"""How calls to a policy failed: counted, logged, and handed to a callback."""
+"""Counts and logs the failed calls to a policy, and hands them to a callback."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 from fuseline._counts import OTHER_REASONS
 from fuseline._item import Ending, Failure, Item, Source
 
-#: How many reasons of failures are counted by themselves: those that were given last.
+#: The number of reasons of failures that are counted by themselves: the latest ones.
 REASONS = 8
 
 #: Over how many ticks the time between two of them is measured.
 RATE_TICKS = 50
 
-#: What calls to the remote policy are counted by.
+#: The keys by which calls to the remote policy are counted.
 CALL_KEYS = (
     ("remote", "call", "answered"),
     ("remote", "call", "failed"),
@@ -37,7 +37,7 @@ class PolicyFailures:
         self._fresh: deque[Failure] = deque(maxlen=64)
         #: The reasons that are counted by themselves; the one that was given last is the last.
         self._reasons: list[str] = []
-        #: How many calls have failed since one was answered.
+        #: The number of calls that have failed since one was answered.
         self._in_a_row = 0
 
     def ended(self, why: str | None) -> None:
@@ -68,7 +68,7 @@ class PolicyFailures:
             )
 
     def of_item(self, item: Item[Any], deadline: float) -> None:
-        """What became of a tick: whether the policy on board failed, or came too late."""
+        """Counts the outcome of a tick: whether the policy on board failed, or came too late."""
         failed = [it for it in item.failures if it.source.priority == 0]
         if not failed and item.ending is Ending.MISSED:
             failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]

@@ -20,9 +20,9 @@ M = TypeVar("M")
 
 _log = logging.getLogger("fuseline")
 
-#: After how many seconds it is reported that nobody reads the items, and messages wait.
+#: After this many seconds a warning says that nobody reads the items, and messages wait.
 UNREAD_SECONDS = 5.0
-#: What to do about it.
+#: The remedy in the warning.
 _UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
 
@@ -38,7 +38,7 @@ class Feeds(Generic[M]):
         self.tasks: dict[asyncio.Task[None], bool] = {}
         #: The first exception that a stream ended in.
         self.error: BaseException | None = None
-        #: How many items had been read when the output was last found full.
+        #: The number of items that had been read when the output was last found full.
         self._read_before = 0
         self._unread_timer: asyncio.TimerHandle | None = None
 

@@ -71,7 +71,7 @@ class Arrivals(Generic[M]):
         self._operator, self._limit = operator, limit
         self._lock = threading.Lock()
         self._on_their_way = 0
-        #: How many messages the operator did not take.
+        #: The number of messages that the operator did not take.
         self.not_taken = 0
 
     def send(
@@ -118,7 +118,7 @@ class Arrivals(Generic[M]):
                 _log.warning("%s: a message was not taken: %s (%d so far)", name, why, times)
 
 
-#: Where operators run, for processes that are forked: they go on where they were started.
+#: The places where operators run, for forked processes: they go on where they were started.
 _ENTERED: weakref.WeakSet[Home] = weakref.WeakSet()
 
 

@@ -13,17 +13,17 @@ MESSAGE_BYTES = 32 * 1024 * 1024
 
 @dataclass(frozen=True)
 class Description:
-    """What a cloud says it serves."""
+    """Describes the model that a cloud serves, as the cloud states it."""
 
     #: The model, as people call it; empty if it has no name.
     model: str = ""
-    #: How long it usually takes, in milliseconds.
+    #: The model's usual runtime, in milliseconds.
     runtime_ms: float | None = None
     #: Its box AP on COCO, 0 to 100.
     ap: float | None = None
     #: The recorded drive whose round trips replies take besides; empty if there is none.
     drive: str = ""
-    #: Whether it only waits as long as the model would take.
+    #: True if the cloud only waits as long as the model would take.
     emulated: bool = False
 
 

@@ -235,7 +235,7 @@ class Item(Generic[V]):
     opened: int
     #: The instant of the decision.
     decided: int
-    #: How the message was answered.
+    #: The way in which the message was answered.
     ending: Ending
     #: The result that is sent, or otherwise the `substitute`.
     value: V | None = None
@@ -245,7 +245,7 @@ class Item(Generic[V]):
     arrived: int | None = None
     #: The event that caused the result to be sent, if it was forwarded.
     trigger: Trigger | None = None
-    #: Why the message was refused, if it was.
+    #: The reason why the message was refused, if it was.
     refusal: OpenRefusal | None = None
     #: The sources whose failure was accepted by then (F4).
     failures: list[Failure] = field(default_factory=list)

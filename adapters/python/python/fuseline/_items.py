@@ -60,7 +60,7 @@ class Items(Generic[T]):
             )
         self._shared = _SharedSource(source.__aiter__(), output_len)
         self._waiting: deque[T] = deque()
-        #: How many read at once with this reader, and whether it was logged that they share it.
+        #: The number of tasks that read with this reader, and whether that was logged.
         self._readers, self._is_reported = 0, False
         self._shared.add(self)
 

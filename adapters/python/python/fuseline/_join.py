@@ -39,7 +39,7 @@ T = TypeVar("T")
 _log = logging.getLogger("fuseline")
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: How many seconds a message from another thread may wait for the loop.
+#: A message from another thread may wait this many seconds for the loop.
 HANDOVER = 1.0
 
 
@@ -65,7 +65,7 @@ class JoinDropReason(Enum):
     DUPLICATE = "duplicate"
 
 
-#: What may become of a message of an input, beside that it is in a set.
+#: The possible outcomes of an input's message, beside that it is in a set.
 INPUT_OUTCOMES = ("missing", *(f"dropped {it.value}" for it in JoinDropReason))
 
 
@@ -79,7 +79,7 @@ class Joined:
     set: dict[str, Any]
     #: The inputs from which nothing came.
     missing: list[str]
-    #: Why it was given.
+    #: The reason why it was given.
     cause: JoinCause
     #: The lineage of the first input that is present, with the oldest capture and the earliest
     #: end-to-end deadline of all. If one capture is unknown, the set's capture is unknown.
@@ -94,7 +94,7 @@ class JoinDrop:
     input: str
     #: The key by which it would have been joined.
     key: int | None
-    #: Why not.
+    #: The reason why it was dropped.
     why: JoinDropReason
 
 
@@ -191,7 +191,7 @@ class Join:
         check_clock(clock)
         check_reserve(reserve)
         self.name = name
-        #: What was given and why, what was missing in it, and what was dropped.
+        #: The sets by their cause, the inputs missing in them, and the dropped messages.
         self.counts: Counts[tuple[str, str, str]] = Counts(
             known=((name, "set", it.value) for it in JoinCause)
         )

@@ -35,9 +35,9 @@ class Violation:
     rule: str
     #: The rule in a sentence.
     sentence: str
-    #: What was found.
+    #: The line or fact that was found.
     found: str
-    #: What the rules demand or allow.
+    #: The line or fact that the rules demand or allow.
     expected: str
     #: The time by which it came too late, in nanoseconds; only for observed traces.
     late: int | None = None
@@ -76,7 +76,7 @@ class Doubt:
     kind: DoubtKind
     #: The number of messages, requests or lines in doubt.
     count: int
-    #: What was found, in a sentence.
+    #: The finding, in a sentence.
     found: str
     #: The first message in doubt, if the doubt is about messages.
     t: int | None = None
@@ -111,9 +111,9 @@ class Verdict:
     violations: tuple[Violation, ...] = ()
     #: The number of further violations.
     more: int = 0
-    #: What the judge could not see.
+    #: The doubts: the things that the judge could not see.
     doubts: tuple[Doubt, ...] = ()
-    #: The one cause that explains most violations of an observed trace, if there is one.
+    #: The cause that explains most violations of an observed trace, if one cause does.
     cause: str | None = None
 
     def accepting(self, *kinds: DoubtKind) -> Verdict:

@@ -56,9 +56,9 @@ class Local(Generic[M, V]):
         #: Computes one message; what runs on the loop is not wrapped.
         self._run: Callable[[M, int], Awaitable[V]] = compute if make is None else self._run_apart
         self._pool: DaemonThreads | None = None
-        #: Those that the threads wait for, if any.
+        #: The processes that the threads wait for, if any.
         self._processes: list[WorkerProcess] = []
-        #: What threads compute, by timestamp.
+        #: The computations of the threads, by timestamp.
         self._running: dict[int, asyncio.Future[Any]] = {}
         self.replaceable = replaceable
         self.at_once = at_once

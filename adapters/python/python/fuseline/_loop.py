@@ -18,7 +18,7 @@ class WaiterList:
     __slots__ = ("waiters",)
 
     def __init__(self) -> None:
-        #: Who waits: always the same list.
+        #: The futures that wait: always the same list.
         self.waiters: list[asyncio.Future[None]] = []
 
     async def wait(self) -> None:

@@ -170,7 +170,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         self._feeds = Feeds(self)
         self._count = 0
         self._is_last = self._is_over = self._is_handling = False
-        #: Whether `stop` ended it.
+        #: True if `stop` ended it.
         self._is_stopped = False
 
     def __repr__(self) -> str:

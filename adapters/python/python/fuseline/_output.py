@@ -23,9 +23,9 @@ class Output(Generic[V]):
         self.items: deque[Item[V]] = deque()
         self.limit = limit
         self.readers, self.writers = ReaderList(name), WaiterList()
-        #: How many items were read.
+        #: The number of items that were read.
         self.read_count = 0
-        #: Whether the operator's block has ended while messages are fed.
+        #: True if the operator's block has ended while messages are fed.
         self.is_ending = False
 
     def put(self, item: Item[V]) -> None:
@@ -41,7 +41,7 @@ class Output(Generic[V]):
         if self.readers.waiters:
             self.readers.wake()
         elif self.is_ending and self.writers.waiters:
-            # What is fed may have to give up.
+            # A task that feeds messages may have to give up.
             self.writers.wake()
 
     def take(self) -> Item[V]:

@@ -17,7 +17,7 @@ from fuseline._errors import ConfigError, in_one_line
 
 _log = logging.getLogger("fuseline")
 
-#: How many seconds a process may compute on once its operator has ended.
+#: A process may compute on for this many seconds once its operator has ended.
 GRACE = 1.0
 
 
@@ -125,7 +125,7 @@ class WorkerProcess:
 
 
 def _serve(connection: Connection, compute: Callable[..., Any]) -> None:
-    """What a process does: it computes until its connection is closed."""
+    """Runs in a process, and computes until its connection is closed."""
     # Ctrl-C is for the program, which ends this process; and it may start processes of its own.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ from fuseline._tracefile import TraceFile
 
 _log = logging.getLogger("fuseline")
 
-#: How many seconds an operator that ends waits for what it has cancelled.
+#: An operator that ends waits this many seconds for the tasks that it has cancelled.
 GRACE = 1.0
 
 

@@ -19,9 +19,9 @@ from fuseline._wiring import check_read, is_async
 
 _log = logging.getLogger("fuseline")
 
-#: How many threads may hang, in calls or in closing, before the next call is made later.
+#: If this many threads hang, in calls or in closing, the next call is made later.
 HUNG_THREADS = 16
-#: How long after the end of a connection the next one may begin, in seconds; twice as long for each
+#: The seconds from the end of a connection until the next one may begin; twice as long for each
 #: thread that hangs beyond those, up to the longest.
 PAUSE = 0.1
 LONGEST_PAUSE = 60.0

@@ -95,7 +95,7 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
             while True:
                 reply = self._stub.GetActions(self._messages.Empty())
                 actions = self._pickle.loads(reply.data) if reply.data else []
-                # Without an observation a server answers with nothing.
+                # A server that gets no observation answers with nothing.
                 meant_for = [action.get_timestep() for action in actions]
                 if not meant_for or meant_for[0] != step:
                     continue

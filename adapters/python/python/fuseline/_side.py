@@ -16,7 +16,7 @@ from fuseline._wiring import is_awaitable
 
 _log = logging.getLogger("fuseline")
 
-#: What may become of a message that a side request could be made about.
+#: The possible outcomes of a message that a side request could be made about.
 SIDE_OUTCOMES = ("handler failed", "refused", "requested", "expired", "failed", "answered")
 
 
@@ -29,11 +29,11 @@ class SideRequest:
     message_handler: Callable[[Any, int], tuple[Any, Any] | None]
     response_handler: Callable[[Any], Any]
     gate: Gate
-    #: How many calls may be under way.
+    #: The number of calls that may be under way.
     calls: int
     #: By `SIDE_OUTCOMES`.
     counts: Counter[str] = field(default_factory=Counter)
-    #: How many requests wait for a call to end.
+    #: The number of requests that wait for a call to end.
     waiting: int = 0
     running: asyncio.Semaphore | None = None
     tasks: set[asyncio.Task[None]] = field(default_factory=set)

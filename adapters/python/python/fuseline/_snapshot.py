@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 from types import SimpleNamespace
 from typing import Any
 
-#: What nobody can change.
+#: The types whose values nobody can change.
 UNCHANGEABLE = frozenset({int, float, bool, complex, str, bytes, range, type(None)})
 
 

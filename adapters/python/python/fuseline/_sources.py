@@ -56,11 +56,11 @@ class OutputHandlers:
     #: E10: states, each with what reads it from a result that is sent.
     states: list[tuple[CarriedState[Any], Callable[[Any], Any]]] = field(default_factory=list)
     sides: list[SideRequest] = field(default_factory=list)
-    #: What records how long messages take.
+    #: Records how long messages take.
     latency: Latency | None = None
-    #: Whether items carry their messages.
+    #: True if items carry their messages.
     carry_messages: bool = False
-    #: Whether messages, and local's results, are copied.
+    #: True if messages, and local's results, are copied.
     copy_messages: bool = True
 
 
@@ -75,7 +75,7 @@ class SourceTasks:
     encoder: Encoder | None = None
     #: By timestamp; those that linger too. None for a task that is about to be made.
     in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
-    #: Those that were cancelled and have not ended.
+    #: The tasks that were cancelled and have not ended.
     aborted: set[asyncio.Task[None]] = field(default_factory=set)
 
     def abort(self, t: int) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
-#: Who waits, and what is computed.
+#: The loop and the future that wait, and the computation.
 _Job = tuple[asyncio.AbstractEventLoop, "asyncio.Future[Any]", tuple[Any, ...]]
 
 
@@ -24,7 +24,7 @@ class DaemonThreads:
         self._make, self._name = make, name
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = threading.Lock()
-        #: What is being computed, and whether another thread took the place of its thread.
+        #: The running computations, and whether another thread replaced the computation's thread.
         self._running: dict[asyncio.Future[Any], bool] = {}
         for _ in range(count):
             self._start(make())

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from fuseline._judge import Traced
 
-#: When a message was opened, in seconds, and how long it took, in milliseconds.
+#: The instant at which a message was opened, in seconds, and its response time in milliseconds.
 Point: TypeAlias = tuple[float, float]
 
 

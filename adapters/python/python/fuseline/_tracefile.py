@@ -15,7 +15,7 @@ except ImportError:  # not on this system
     fcntl = None  # type: ignore[assignment]
 
 
-#: What a trace begins with.
+#: The first bytes of a trace.
 _HEAD = b'{"fuseline":'
 
 
@@ -52,7 +52,7 @@ class TraceFile:
             self._path.unlink()
 
 
-#: Those that are held, for processes that are forked: they would go on to hold them.
+#: The files that are held. A forked process must close them, or it would go on to hold them.
 _HELD: weakref.WeakSet[TraceFile] = weakref.WeakSet()
 
 
@@ -92,7 +92,7 @@ def hold(path: Any) -> TraceFile | None:
             )
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
     except OSError:
-        # What writes it says why it cannot be written.
+        # The writer of the file says why it cannot be written.
         return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

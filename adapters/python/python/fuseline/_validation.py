@@ -183,7 +183,7 @@ class Waiting:
 class Preliminary:
     """Asks to send a result downstream; better ones may follow (F9). Only under progressive."""
 
-    #: Whose result it is; 0 is local's.
+    #: The source of the result; 0 is local.
     by: int
     #: The pending clouds that the result outranks, in ascending order. Their calls may be aborted.
     cancelled: tuple[int, ...]
@@ -193,7 +193,7 @@ class Preliminary:
 class Final:
     """Says that the result sent last is the final one, and the timestamp is retired (F9)."""
 
-    #: Whose result it is; 0 is local's.
+    #: The source of the result; 0 is local.
     by: int
 
 
@@ -201,7 +201,7 @@ class Final:
 class Forwarded:
     """Asks to send a result downstream; the timestamp is retired (F7)."""
 
-    #: Whose result it is; 0 is local's.
+    #: The source of the result; 0 is local.
     by: int
     #: The clouds still pending, in ascending order. Their calls may be aborted.
     cancelled: tuple[int, ...]

@@ -256,7 +256,7 @@ class Observation:
     response: ns
     #: True if the results came at that age. Otherwise they had not come by then.
     is_answered: bool
-    #: How many calls.
+    #: The number of calls.
     count: int
 
 
@@ -320,7 +320,7 @@ class Guard(_Capping):
     """
 
     def __init__(self, parameters: Parameters | None = None) -> None:
-        #: What it was made of.
+        #: The parameters that it was made of.
         self.parameters = parameters or Parameters()
         self._guard = _fuseline.Guard(self.parameters)
 
@@ -549,7 +549,7 @@ def learners(policy: Policy) -> list[Policy]:
 
 def compiled(policy: Policy) -> Any:
     """Returns the compiled part of this module's own policies, or any other policy as it is."""
-    # What is derived from them may have methods of its own.
+    # A class that is derived from one of these may have methods of its own.
     if type(policy) is Constant:
         return policy.deadline
     if type(policy) is Guard:

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["DoraNode", "FusionNode"]
 
 _log = logging.getLogger("fuseline")
-#: How long the thread that reads events may take to see that the node has ended, in seconds.
+#: The thread that reads events may take this many seconds to see that the node has ended.
 READ_TIMEOUT = 0.2
 
 
@@ -76,7 +76,7 @@ class DoraSource:
 
     def __init__(self, node: DoraNode, name: str) -> None:
         self._node, self.name = node, name
-        #: With the timestamps that they are of.
+        #: The futures of requests, each with its timestamp.
         self._waiting: dict[str, tuple[asyncio.Future[StampedValue[Any]], int]] = {}
         self._is_closed = False
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Always", "Blend", "Chunk", "Hold", "RemotePolicy", "fade", "lerobot", "openpi"]
 
-#: How many messages may be open at once.
+#: The number of messages that may be open at once.
 WINDOW = 16
 #: The longest time from a tick to the next, in seconds; more is a rate that was meant in hertz.
 LONGEST_PERIOD = 2.0

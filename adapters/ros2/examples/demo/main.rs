@@ -179,10 +179,10 @@ fn fusion(folder: &Path, trace: &Path) -> Result<ChildProcess, Any> {
     ChildProcess::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
 }
 
-/// What was sent, what came, and what was said of west.
+/// Records what was sent, what came, and how the node reported west.
 struct ImageLog {
     start: Instant,
-    /// When each image was taken, by its stamp, and how many outputs it has.
+    /// The instant at which each image was taken, by its stamp, and the number of its outputs.
     images: BTreeMap<(i32, u32), (Instant, u32)>,
     inputs: u32,
     of_west: u32,
@@ -295,7 +295,7 @@ impl Drop for ChildProcess {
     }
 }
 
-/// What the judge says of the trace.
+/// Returns what the judge says of the trace.
 fn judge(trace: &Path) -> Result<String, Any> {
     let lines = BufReader::new(File::open(trace)?);
     let verdict = fuseline_traces::judge("the run", lines)?;

@@ -13,7 +13,7 @@ use tokio::time::timeout;
 
 use crate::messages::Any;
 
-/// How long a peer is waited for until it is looked for again.
+/// The demo looks for a missing peer again after this time.
 const AGAIN: Duration = Duration::from_millis(200);
 
 /// A ROS node of this machine alone.
@@ -37,7 +37,7 @@ pub(crate) enum Subscription<M> {
     Zenoh(ros2_client::zenoh::Subscription<M>),
 }
 
-/// Whether this process is configured to use Zenoh.
+/// Returns whether this process is configured to use Zenoh.
 pub(crate) fn is_over_zenoh() -> bool {
     cfg!(feature = "zenoh") && std::env::args().any(|word| word == "--zenoh")
 }
@@ -156,7 +156,8 @@ pub(crate) mod over_zenoh {
 
     use crate::messages::Any;
 
-    /// Where the router listens: not where one of the user's own may.
+    /// The address of the router. It differs from the default, at which a router of the user's own
+    /// may listen.
     const ROUTER: &str = "[\"tcp/127.0.0.1:7487\"]";
 
     /// By which the node under test finds it.

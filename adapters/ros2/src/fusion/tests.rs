@@ -20,7 +20,7 @@ use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a source does with a message, in milliseconds from the request.
+/// Tells a source what to do with a message, in milliseconds from the request.
 #[derive(Clone, Copy)]
 enum SourceAction {
     Answers(u64),
@@ -31,16 +31,16 @@ enum SourceAction {
 }
 use SourceAction::{Answers, Fails, Loses, Panics};
 
-/// What a source does with each message.
+/// Tells a source what to do with each message.
 type Plan = fn(u64) -> SourceAction;
 
-/// What happens, for either transport: the timestamp of a message is its index.
+/// A script of events, for either transport: the timestamp of a message is its index.
 #[derive(Clone)]
 struct Script {
     local: Plan,
     /// Clouds of priority 1, 2…: each with its deadline in milliseconds and what it does.
     clouds: Vec<(u64, Plan)>,
-    /// When messages come, in milliseconds.
+    /// The instants at which messages come, in milliseconds.
     messages: Vec<u64>,
 }
 

@@ -12,9 +12,9 @@ use tokio::time::Instant;
 use super::*;
 use crate::source::Route;
 
-/// What happened to the node, and its level and message then.
+/// An event at the node, with the level and the message that it leads to.
 type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
-/// The same of a source.
+/// An event at a source, with the level and the message that it leads to.
 type SourceCase = (fn(&mut SourceTally, &mut NodeSource), u8, &'static str);
 
 const UNREADABLE: &str =

@@ -1,4 +1,4 @@
-//! What is wrong, where, and what to do about it.
+//! Tests that a wrong setting is reported: what is wrong, where, and what to do about it.
 
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::{TYPES, settings, with};
 
-/// What is wrong with a file, below the node's name.
+/// Returns what is wrong with a file, below the node's name.
 fn error_in(parameters: &str) -> String {
     let text =
         format!("fuseline:\n  ros__parameters:\n    {}\n", parameters.replace('\n', "\n    "));

@@ -87,7 +87,7 @@ fn d15_a_guard_under_progressive_is_refused_with_the_remedy() {
 /// A guard for a camera of 30 Hz.
 const GUARD: &str = "-p clouds:=[west] -p policy:=guard -p policy.speed_topic:=odom \
                      -p deadline:=2.4253 -p policy.local_response:=0.3";
-/// What it falls short of, and what to do about it.
+/// The message that says what falls short, and what to do about it.
 const SHORT: &str = "a window of 16 for 30 messages a second that are open for up to 2.4253 s: give 75, or cap \
      deadlines at 0.462 s; 8 calls at once to west for 30 a second that take up to 2.4253 s: give \
      73, or cap deadlines at 0.266 s; 4 local computations at once for 30 a second that take 0.3 s: \
@@ -149,7 +149,7 @@ fn hints_of_calls_that_end_when_they_are_due_are_none() {
     );
 }
 
-/// How long the command has to end by itself.
+/// The time that the command has to end by itself.
 const LONG: Duration = Duration::from_secs(30);
 
 /// The command's end in `folder`, with a trace to be recorded there; by force if it goes on.

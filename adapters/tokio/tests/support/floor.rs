@@ -15,7 +15,8 @@ use fuseline_tokio::{
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
-/// What is needed on board beyond the longest computation: tokio's timers are up to 1 ms late, here and upstream.
+/// The reserve on board beyond the longest computation: tokio's timers are up to 1 ms late, here
+/// and upstream.
 const MARGIN: Duration = Duration::from_millis(4);
 
 /// A condition of E11 that is broken on purpose.
@@ -45,7 +46,7 @@ pub(crate) const COUNTEREXAMPLES: [(Breach, u64); 5] = [
     (Breach::SmallWindow, 2),
 ];
 
-/// How one source treats each message: a runtime, a failure or silence, by the message's key.
+/// States how one source treats each message: a runtime, a failure or silence, by the message's key.
 #[derive(Clone, Copy, Debug)]
 struct Behaviour {
     least_ms: u32,
@@ -67,7 +68,7 @@ struct Stage {
     commit: Commit,
     may_lack_substitute: bool,
     sends_last_only: bool,
-    /// How much longer it takes with its clouds than on board, as stated.
+    /// The stated time that it takes with its clouds beyond its time on board.
     extra: Duration,
 }
 
@@ -92,10 +93,10 @@ pub(crate) struct Pipeline {
     tail: Vec<Stage>,
 }
 
-/// Whether an operator answered a message with a result, and how old the message was then.
+/// Records whether an operator answered a message with a result, and how old the message was then.
 type Answers = BTreeMap<(usize, u64), (bool, Duration)>;
 
-/// What operators send: the key of the frame.
+/// The message of operators: the key of the frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Work(u64);
 
@@ -170,7 +171,7 @@ impl Stage {
         }
     }
 
-    /// How long it takes, as stated.
+    /// Returns how long it takes, as stated.
     fn latency(&self, with_clouds: bool, breach: Breach) -> Latency {
         let longest = if breach == Breach::ShortReserve { MS } else { self.local.most_ms * MS };
         let on_board = longest + MARGIN;

@@ -172,7 +172,7 @@ struct DrawnGraph {
     /// Operators of each branch.
     stages: u32,
     is_joined: bool,
-    /// When each frame of each sensor was captured.
+    /// The instants at which each frame of each sensor was captured.
     captures: Vec<SharedState<BTreeMap<u64, Instant>>>,
     link: DrawnLink,
     wrong: SharedState<Vec<String>>,
@@ -288,7 +288,7 @@ impl DrawnGraph {
     }
 }
 
-/// What is wrong with the graph of a seed, and how many requests its link refused.
+/// Returns what is wrong with the graph of a seed, and how many requests its link refused.
 pub(crate) async fn wrongs(seed: u64) -> (Vec<String>, u64) {
     let mut graph = DrawnGraph::new(seed);
     let mut last = graph.start();

@@ -12,7 +12,7 @@ use tokio::time::{Instant, sleep, timeout};
 use super::memory::CallPlan;
 use super::visitors::{SECOND, VisitedServer};
 
-/// How many more than may come at once.
+/// The number of clients that come beyond the limit.
 pub(crate) const BEYOND: usize = 3;
 
 /// The preface of HTTP/2 and settings of nothing.
@@ -117,7 +117,7 @@ fn check(closed: Option<Duration>, at: Duration) -> Option<String> {
     (!is_then).then(|| format!("closed after {closed:?}, not {at:?}"))
 }
 
-/// How long it takes until the server closes it.
+/// Returns how long the server takes to close the socket.
 async fn end(socket: &mut DuplexStream, within: Duration) -> Option<Duration> {
     let (since, mut bytes) = (Instant::now(), [0; 1024]);
     let read = async { while socket.read(&mut bytes).await.is_ok_and(|read| read > 0) {} };
@@ -250,7 +250,7 @@ async fn resets(here: &VisitedServer, from: IpAddr) -> Option<String> {
     check(visitor.closed(here.bounds.idle).await, Duration::ZERO)
 }
 
-/// Whoever is gone leaves nothing behind, whatever it was about to do.
+/// A client that disappears leaves nothing behind, whatever it was about to do.
 async fn vanishes(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<String> {
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { compute: 100_000 * SECOND, reply: 1_000_000, ..here.plain() };

@@ -20,7 +20,8 @@ use tokio::time::{Instant, sleep, timeout};
 /// Bytes that are on their way in one direction.
 const WIRE: usize = 16 * 1024;
 
-/// How many bits of a timestamp say how long a reply is; the others say for how many milliseconds the server computes.
+/// This many bits of a timestamp say how long a reply is; the others say for how many milliseconds
+/// the server computes.
 const REPLY_BITS: u32 = 24;
 
 type IncomingStream = io::Result<(DuplexStream, SocketAddr)>;
@@ -125,7 +126,7 @@ pub(crate) struct Visitor {
 /// One call, and how the client behaves in it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CallPlan {
-    /// How long the server computes.
+    /// The time for which the server computes.
     pub(crate) compute: Duration,
     /// The reply's bytes.
     pub(crate) reply: usize,
@@ -140,7 +141,7 @@ pub(crate) struct CallPlan {
     pub(crate) read_pause: Duration,
 }
 
-/// What came of a call.
+/// The outcome of a call.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct VisitEnd {
     /// The gRPC status.

@@ -14,7 +14,7 @@ use fuseline_tokio::{
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// What a source does with a message. Times are milliseconds from the request.
+/// Tells a source what to do with a message. Times are milliseconds from the request.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SourceAction {
     Answers(u64),
@@ -46,7 +46,7 @@ pub(crate) struct CloudScript {
     pub(crate) calls: usize,
 }
 
-/// What came of a script.
+/// The outcome of a script.
 pub(crate) struct RunResult {
     /// One line for each item, in the order they came.
     pub(crate) items: String,
@@ -60,7 +60,7 @@ impl Script {
         Self { local: |_| SourceAction::Answers(20), deadline: None, clouds: Vec::new() }
     }
 
-    /// With one more cloud.
+    /// Adds a cloud.
     pub(crate) fn cloud(
         mut self,
         priority: u16,

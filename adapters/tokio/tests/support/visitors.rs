@@ -21,7 +21,7 @@ use super::well_behaved_clients::stay;
 
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 
-/// What a reply of 4 MiB has beside its payload: gRPC's five bytes, a tag, and the length.
+/// The overhead of a reply of 4 MiB: gRPC's five bytes, a tag, and the length.
 const REPLY_FRAMING: usize = 5 + 1 + 4;
 
 const WELL_BEHAVED: u8 = 6;
@@ -34,9 +34,9 @@ pub(crate) struct VisitedServer {
     pub(crate) token: Option<&'static str>,
     /// Until when well-behaved clients make calls.
     pub(crate) until: Instant,
-    /// How many have not done what they came for.
+    /// The number of visitors that have not finished.
     pub(crate) busy: Cell<usize>,
-    /// How addresses look.
+    /// The kind of addresses that are drawn.
     family: u8,
 }
 
@@ -81,13 +81,13 @@ impl VisitedServer {
         CallPlan { reply: 9, token: self.token, ..CallPlan::default() }
     }
 
-    /// Whether a call over this connection is answered.
+    /// Returns whether a call over this connection is answered.
     pub(crate) async fn answers(&self, visitor: &Visitor) -> bool {
         visitor.call(&self.plain()).await.is_ok_and(|end| (end.status, end.bytes) == (0, 9))
     }
 }
 
-/// What is wrong in the world that this seed draws.
+/// Returns what is wrong in the world that this seed draws.
 pub(crate) async fn server_wrongs(seed: u64) -> Vec<String> {
     LocalSet::new().run_until(wrongs(seed)).await
 }
@@ -234,7 +234,8 @@ async fn recovered(
     wrong
 }
 
-/// How many the log says were rejected so, with those that it left out.
+/// Returns how many clients were rejected for this reason according to the log, with the suppressed
+/// lines.
 fn logged(log: &str, why: &str) -> usize {
     let lines = log.lines().filter(|line| line.contains(why));
     lines.map(|line| 1 + line.rsplit_once("others=").unwrap().1.parse::<usize>().unwrap()).sum()

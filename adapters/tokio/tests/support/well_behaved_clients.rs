@@ -9,7 +9,7 @@ use tokio::time::{Instant, sleep};
 use super::memory::{CallPlan, VisitEnd, Visitor};
 use super::visitors::{SECOND, VisitedServer};
 
-/// How much later than planned an answer may come: each timer rounds up to a millisecond.
+/// An answer may come this much later than planned, because each timer rounds up to a millisecond.
 const ROUNDING: Duration = Duration::from_millis(20);
 
 /// The unit of `grpc-timeout`, its nanoseconds, and the most of it that is drawn.
@@ -85,7 +85,7 @@ fn is_as_expected(plan: &CallPlan, end: &VisitEnd, expected: &VisitEnd) -> bool 
     (end.status, end.bytes) == (expected.status, expected.bytes) && end.took >= least && is_in_time
 }
 
-/// As many calls as may be taken back in a second, each while it is computed.
+/// Takes back as many calls in a second as is allowed, each while it is computed.
 async fn take_back(here: &VisitedServer, visitor: &Visitor) {
     sleep(SECOND).await;
     let plan = CallPlan { compute: 1000 * SECOND, ..here.plain() };

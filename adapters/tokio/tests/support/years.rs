@@ -19,7 +19,7 @@ const DAY: Duration = Duration::from_secs(24 * 3600);
 /// A client of which something ends far ahead.
 struct DistantClient {
     name: &'static str,
-    /// How long after the start it is to end.
+    /// The time after the start at which it is due to end.
     due: Duration,
     /// The status of its call, or none if its connection was closed.
     expected: Option<u16>,
@@ -30,7 +30,7 @@ const fn address(number: u8) -> IpAddr {
     IpAddr::V4(Ipv4Addr::new(10, 0, number, 1))
 }
 
-/// What is wrong with a server that runs for a thousand days.
+/// Returns what is wrong with a server that runs for a thousand days.
 pub(crate) async fn years_wrongs() -> Vec<String> {
     LocalSet::new().run_until(wrongs()).await
 }

@@ -47,7 +47,8 @@ fn between(found: Option<BoundedFigure<f64>>, least: f64, most: f64) -> bool {
     found.is_some_and(|it| is_close((it.at_least, least)) && is_close((it.at_most, most)))
 }
 
-/// What is available at its due instant is the first response or better, so that nothing is in time without it.
+/// The result that is available at its due instant is the first response or a better one. So
+/// nothing is in time if the first response is not.
 #[test]
 fn one_deadline_is_in_time_wherever_the_first_response_is() {
     let failed = |millis| ArrivalTime::Failed(ms(millis));
@@ -198,7 +199,7 @@ fn arrivals() -> impl Strategy<Value = [(ArrivalTime, Option<u64>); 3]> {
     [source.clone(), source.clone(), source]
 }
 
-/// What a trace shows of it: nothing after the instant when the call was ended.
+/// Returns what a trace shows of it: nothing after the instant when the call was ended.
 fn censored_arrival((arrival, ended): (ArrivalTime, Option<u64>)) -> ArrivalTime {
     let bound = ended.map_or(Duration::MAX, ms);
     match arrival {
@@ -267,7 +268,8 @@ proptest! {
         }
     }
 
-    /// What the machine would do with one deadline is what its bounds say of known arrivals.
+    /// The bounds for known arrivals are exact: they are what the machine would do with one
+    /// deadline.
     #[test]
     fn the_bounds_of_a_constant_are_exact_where_all_is_known(sources in arrivals()) {
         let arrivals = sources.map(|(arrival, _)| arrival);

@@ -24,7 +24,7 @@ fn statistics(inputs: &[Input]) -> TraceStatistics {
     statistics
 }
 
-/// What a source's requests came to, without what is 0.
+/// Returns what a source's requests came to, without what is 0.
 fn fates(statistics: &TraceStatistics, p: u64) -> Vec<(&'static str, u64)> {
     let totals = statistics.totals();
     let row = totals.rows.iter().find(|row| row.p == p).unwrap();
@@ -52,7 +52,7 @@ const fn at(ms: u64) -> ArrivalTime {
     ArrivalTime::At(Duration::from_millis(ms))
 }
 
-/// Of a source that got no request.
+/// The arrival of a source that got no request.
 const UNASKED: ArrivalTime = ArrivalTime::Failed(Duration::ZERO);
 
 const fn after(ms: u64) -> ArrivalTime {

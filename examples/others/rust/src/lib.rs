@@ -1,4 +1,5 @@
-//! What the harnesses share: the scenario, the facts, a server that answers as late as it says.
+//! The parts that the harnesses share: the scenario, the facts, and a server that answers as late
+//! as it says.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -11,7 +12,7 @@ use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-/// Whose result it is, and of which message.
+/// The source whose result it is, and of which message.
 pub type AttemptDone = (u8, usize);
 
 /// One run of an operator, by the arguments `MODE FOLDER SCENARIO`.

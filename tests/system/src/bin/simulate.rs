@@ -228,7 +228,7 @@ fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result
     Ok(run)
 }
 
-/// What is drawn beside runs of one operator.
+/// A drawn subject other than a run of one operator.
 #[derive(Clone, Copy)]
 enum Drawn {
     Graph,

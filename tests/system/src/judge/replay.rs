@@ -14,9 +14,9 @@ use fuseline_traces::{
 pub struct QueueConfig {
     /// The commit rule.
     pub commit: Commit,
-    /// How many messages local computes at once.
+    /// The number of messages that local computes at once.
     pub at_once: usize,
-    /// How many more may wait for local.
+    /// The number of further messages that may wait for local.
     pub waiting: usize,
     /// `true` if a message that already has its output leaves local's queue.
     pub skip_answered: bool,
@@ -27,7 +27,7 @@ pub struct QueueConfig {
 /// The facts that the trace shows.
 #[derive(Default)]
 pub struct Replay {
-    /// What the judge says of the trace.
+    /// The judge's verdict on the trace.
     pub verdict: Option<Verdict>,
     /// The reason why the trace cannot be read.
     pub defect: Option<String>,
@@ -61,7 +61,7 @@ pub struct OpenedMessage {
     pub at: u64,
     /// Local's deadline.
     pub deadline: Option<u64>,
-    /// How it ended.
+    /// The end of the request.
     pub end: Option<Departure>,
     /// Its items, by their indices in `items`.
     pub items: Vec<usize>,
@@ -76,7 +76,7 @@ pub struct DecidedItem {
     pub message: usize,
     /// The instant of the decision.
     pub at: u64,
-    /// What became of the message.
+    /// The outcome of the message.
     pub departure: Departure,
     /// The number of failures that were accepted by then.
     pub failures: usize,
@@ -95,7 +95,7 @@ pub struct DecidedOffer {
     pub refusal: Option<OfferRefusal>,
 }
 
-/// What became of a message, with the source of the result.
+/// The outcome of a message, with the source of the result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Departure {
     /// A result was sent while better ones were pending.

@@ -1,4 +1,5 @@
-//! What stands in gRPC frames: requests as the server takes them, replies as the operator does.
+//! Tests the contents of gRPC frames: requests as the server reads them, replies as the operator
+//! does.
 
 use std::convert::Infallible;
 use std::fmt::Debug;
@@ -21,7 +22,7 @@ pub(super) const ENDS: &[&str] = &["answered", "described", "refused"];
 /// The path of a call.
 const INFER: &str = "/fuseline.v1.Infer/Infer";
 const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
-/// What stands before a message in a frame: a flag, and the length in 4 bytes.
+/// The prefix of a message in a frame: a flag, and the length in 4 bytes.
 const PREFIX: usize = 5;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
@@ -33,7 +34,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     if selector % 3 == 1 { describe(rest, *cut, ends) } else { infer(rest, *cut, ends) }
 }
 
-/// What can be read of a message says the same when it is written and read again.
+/// A message that can be read is the same after it was written and read again.
 fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
     let Ok(message) = M::decode(bytes) else { return Ok(()) };
     let written = message.encode_to_vec();
@@ -105,7 +106,7 @@ impl Infer for Echo {
     }
 }
 
-/// What the server says to a body that comes in two pieces, and with which code.
+/// Returns what the server says to a body that comes in two pieces, and with which code.
 fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
     let (first, second) = body.split_at(usize::from(cut).min(body.len()));
     let piece = |bytes| Ok::<_, Infallible>(Frame::data(Bytes::copy_from_slice(bytes)));

@@ -10,7 +10,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 /// The folder for files in memory.
 const MEMORY: &str = "/dev/shm";
 
-/// The one file of this program. It has no name in any folder, and ends with the program.
+/// The only file of this program. It has no name in any folder, and ends with the program.
 static HELD: LazyLock<Mutex<File>> = LazyLock::new(|| {
     let file = tempfile::tempfile_in(MEMORY).or_else(|_| tempfile::tempfile());
     Mutex::new(file.expect("a temporary file"))

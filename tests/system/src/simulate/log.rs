@@ -78,7 +78,7 @@ pub(crate) struct LinkPass {
     pub(crate) end: Option<(u64, bool)>,
 }
 
-/// How a call ended.
+/// States how a call ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum CallStop {
     Answered,
@@ -102,7 +102,7 @@ pub(crate) struct Read {
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
 
-/// How a message ended.
+/// States how a message ended.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum LoggedOutcome {
     Preliminary(LoggedResult),

@@ -38,7 +38,7 @@ pub(crate) struct RunResult {
     pub(crate) remaining: [usize; 3],
 }
 
-/// How the operator ended.
+/// States how the operator ended.
 #[derive(PartialEq, Debug)]
 pub(crate) enum OperatorEnd {
     Well,

@@ -8,7 +8,7 @@ use serde::Deserialize;
 pub struct KeptSeed {
     /// The seed.
     pub seed: u64,
-    /// What was wrong, and what was done about it.
+    /// The fault, and how it was repaired.
     pub because: String,
 }
 

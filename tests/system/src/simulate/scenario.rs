@@ -15,9 +15,9 @@ pub struct Scenario {
     pub window: u16,
     /// The commit rule.
     pub commit: Commit,
-    /// How far the operator may lag behind the camera.
+    /// The operator may lag behind the camera by this many messages.
     pub input_len: usize,
-    /// How far readers may lag behind the operator.
+    /// Readers may lag behind the operator by this many items.
     pub output_len: usize,
     /// The computation on board.
     pub local: OnBoard,
@@ -27,11 +27,11 @@ pub struct Scenario {
     pub link: Option<ScenarioLink>,
     /// The gate's limit for side requests and how many may be under way, if there are any.
     pub side: Option<(u64, usize)>,
-    /// Whether late results are given as hints, and then whether their handler panics.
+    /// `Some` if late results are given as hints, and true if their handler panics.
     pub hints: Option<bool>,
     /// `true` if somebody takes the metrics, which costs as much as a source.
     pub metered: bool,
-    /// What becomes of the recording.
+    /// The fate of the recording.
     pub disk: Disk,
     /// The readers of the output. The first one is there from the start.
     pub readers: Vec<ReaderPlan>,
@@ -39,7 +39,7 @@ pub struct Scenario {
     pub stalls: Vec<(Duration, Duration)>,
     /// The messages, in order.
     pub frames: Vec<MessageScript>,
-    /// How the run ends.
+    /// The end of the run.
     pub end: Finish,
 }
 
@@ -52,7 +52,7 @@ pub struct OnBoard {
     pub waiting: Option<usize>,
     /// `true` to skip a waiting computation once its message has its output.
     pub skip_answered: bool,
-    /// How long it may take.
+    /// The time that it may take.
     pub deadline: Option<Duration>,
 }
 
@@ -67,7 +67,7 @@ pub struct ScenarioCloud {
     pub resume: u64,
     /// The number of calls that may be under way.
     pub calls: usize,
-    /// How long calls run on past their due instants.
+    /// The time for which calls run on past their due instants.
     pub linger: Duration,
     /// The deadline that its policy chooses, if it has one. Zero is a policy that sometimes panics.
     pub policy: Option<Duration>,
@@ -85,7 +85,7 @@ pub struct ScenarioLink {
     pub bytes: [usize; 2],
 }
 
-/// What becomes of a recording.
+/// The fate of a recording.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Disk {
     /// It is written whole, in parts of this many bytes if that is given.
@@ -140,24 +140,24 @@ pub struct SourceAction {
     pub after: Duration,
     /// The number of turns that others have before it begins and before it ends.
     pub yields: u8,
-    /// How it ends.
+    /// The end of the call.
     pub result: CallResult,
 }
 
-/// How a call or a computation ends.
+/// States how a call or a computation ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CallResult {
-    /// With a result.
+    /// Returns a result.
     Answers,
-    /// With an error: a connection that was refused or reset.
+    /// Returns an error: a connection that was refused or reset.
     Fails,
-    /// With a panic.
+    /// Panics.
     Panics,
-    /// With a panic before it has begun.
+    /// Panics before it has begun.
     PanicsAtOnce,
-    /// With a response that the response handler refuses.
+    /// Returns a response that the response handler refuses.
     BadResponse,
-    /// With a response at which the response handler panics.
+    /// Returns a response at which the response handler panics.
     PanickingResponse,
     /// Never: a half-open connection, or a black hole.
     Hangs,
@@ -165,7 +165,7 @@ pub enum CallResult {
     HangsAndPanics,
 }
 
-/// How a run ends.
+/// States how a run ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Finish {
     /// The input ends, and every message has its output.

@@ -98,9 +98,9 @@ class Row(NamedTuple):
     t: int | None = None
     #: The rule or promise that is broken.
     rule: str | None = None
-    #: What was found.
+    #: The line or fact that was found.
     found: str | None = None
-    #: What the rules demand or allow.
+    #: The line or fact that the rules demand or allow.
     expected: str | None = None
     #: The seconds by which it came too late; only for observed traces.
     late: float | None = None

@@ -200,7 +200,7 @@ def _curves(answer: Answer) -> str:
 
 
 def _bars(answer: Answer) -> str:
-    """How many drives had which share of their outputs from local."""
+    """Shows how many drives had which share of their outputs from local."""
     if not answer[1]:
         return ""
     greatest = max(drives for _, drives in answer[1])

@@ -1,11 +1,11 @@
-"""What is asked of the rows of a fleet, in SQL that duckdb, DataFusion and Spark all take.
+"""Asks the rows of a fleet in SQL that duckdb, DataFusion and Spark all take.
 
 The rows are a table or view ``verdicts``; ``FLATTEN`` makes a view ``outputs`` of it.
 """
 
 from __future__ import annotations
 
-#: How each engine makes a row of each output: the view ``outputs``.
+#: Each engine's way to make a row of each output: the view ``outputs``.
 FLATTEN = {
     "duckdb": """
 CREATE OR REPLACE TEMP VIEW outputs AS
@@ -61,22 +61,22 @@ SELECT count(DISTINCT drive) AS drives, count(DISTINCT file) AS files,
   count(DISTINCT judge) AS judges, count(DISTINCT manner) AS manners
 FROM verdicts
 """,
-    # Whose results went out, and how long they took, in seconds.
+    # The sources whose results went out, and how long they took, in seconds.
     "sources": _SOURCES.format(key="", all=""),
     "operators": _SOURCES.format(key="operator, ", all="PARTITION BY operator"),
-    # Which rules are broken; of more than 100 in a trace the rest has no rule here.
+    # The rules that are broken. Of a trace's violations only the first 100 have a rule here.
     "rules": """
 SELECT rule, count(*) AS violations, count(DISTINCT drive) AS drives, max(late) AS latest
 FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rule
 """,
-    # What is in doubt about traces that break no rule, and is not accepted.
+    # The doubts about traces that break no rule, unless they are accepted.
     "doubts": """
 SELECT doubts, count(*) AS traces, count(DISTINCT drive) AS drives
 FROM verdicts WHERE doubts IS NOT NULL AND violations = 0
 GROUP BY doubts ORDER BY traces DESC, doubts
 """,
-    # Of the drives in which something went wrong, those with the most violations, then those that
-    # most often had nothing to put out.
+    # The drives in which something went wrong: first those with the most violations, then those
+    # that most often had no output.
     "worst": """
 WITH drives AS (
   SELECT drive, count(DISTINCT file) AS files,
@@ -91,7 +91,7 @@ WITH drives AS (
 SELECT * FROM drives WHERE violations + unreadable + doubtful + missed + refused > 0
 ORDER BY violations DESC, unreadable DESC, doubtful DESC, missed + refused DESC, drive LIMIT 50
 """,
-    # How many drives had which share of their outputs from local: twentieths, the last one whole.
+    # The number of drives by their share of outputs from local: twentieths, the last one whole.
     "on_board": """
 WITH shares AS (
   SELECT drive, sum(CASE WHEN p = 0 THEN items ELSE 0 END) * 1.0 / sum(items) AS share
@@ -100,12 +100,12 @@ WITH shares AS (
 SELECT CAST(floor(share * 20) AS INT) AS twentieth, count(*) AS drives
 FROM shares GROUP BY CAST(floor(share * 20) AS INT) ORDER BY twentieth
 """,
-    # How many outputs of each source took at most so many seconds.
+    # The number of each source's outputs by the seconds that they took at most.
     "responses": """
 SELECT source, seconds, CAST(sum(items) AS BIGINT) AS items FROM outputs
 GROUP BY source, seconds ORDER BY source, seconds
 """,
-    # What could not be read, and why.
+    # The files that could not be read, and why.
     "unreadable": """
 SELECT file, error FROM verdicts WHERE error IS NOT NULL ORDER BY file LIMIT 50
 """,

@@ -60,7 +60,7 @@ fn text(body: &Bytes) -> String {
     String::from_utf8(body[8..].to_vec()).unwrap()
 }
 
-/// What the node said.
+/// The output of the node.
 #[derive(Default)]
 pub(super) struct NodeOutput {
     pub(super) lines: Vec<String>,
@@ -117,7 +117,7 @@ pub(super) struct Node {
     orders: mpsc::Sender<LifecycleRequest>,
     /// Local's subscriber count.
     pub(super) local: Arc<AtomicUsize>,
-    /// Whether what local is sent gets lost.
+    /// True if requests to local get lost.
     pub(super) is_deaf: Arc<AtomicBool>,
     pub(super) reported_lines: Arc<Mutex<NodeOutput>>,
     pub(super) counting: Counting,
@@ -142,7 +142,7 @@ impl Drop for Guard {
     }
 }
 
-/// What sends to a node.
+/// The publishers that send to a node.
 pub(super) struct Publications {
     pub(super) inputs: mpsc::Sender<ReceivedPayload>,
     pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
@@ -299,7 +299,7 @@ impl Node {
         Self::start_with(local, clouds, &[])
     }
 
-    /// With more arguments.
+    /// Starts the node with more arguments.
     pub(super) fn start_with(local: Plan, clouds: &[(u64, Plan)], more: &[&str]) -> Self {
         let start = Instant::now();
         let settings = settings(clouds.len(), more);
@@ -397,7 +397,7 @@ async fn note(mut published: mpsc::UnboundedReceiver<Payload>, hints: Hints, sta
     }
 }
 
-/// What is behind local's topics.
+/// Emulates the model behind local's topics.
 async fn model(
     plan: Plan,
     mut requested: mpsc::UnboundedReceiver<Payload>,

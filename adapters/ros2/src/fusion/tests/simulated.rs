@@ -43,11 +43,11 @@ const ENDS: &str = "d8_everything_ends";
 /// Seeds that ever failed: they are played first.
 const KEPT: [u64; 0] = [];
 
-/// What the seeds came to.
+/// The sums over the seeds.
 #[derive(Default)]
 struct Sum {
     broken: BrokenChecks,
-    /// How many runs came to each kind of ending.
+    /// The number of runs that came to each kind of ending.
     kinds: BTreeMap<&'static str, usize>,
 }
 
@@ -67,7 +67,7 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
     sum
 });
 
-/// What does not hold of a run, and what it came to.
+/// Returns what does not hold of a run, and what it came to.
 fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
     let (publish_report, ended) = mpsc::channel();
     let scenario = scenario.clone();
@@ -215,7 +215,7 @@ fn a_smallest_run_has_what_breaks_it_and_no_more() {
     assert_eq!((smallest.window, smallest.waiting), (16, 64), "{smallest}");
 }
 
-/// What the scenarios are for comes about in those that the tests play.
+/// The scenarios that the tests play lead to each kind of ending.
 #[test]
 fn the_seeds_come_to_each_kind_of_ending() {
     for kind in facts::KINDS {
@@ -224,7 +224,7 @@ fn the_seeds_come_to_each_kind_of_ending() {
     }
 }
 
-/// Without the variables that the module's documentation names, some more seeds.
+/// Plays some new seeds if the variables that the module's documentation names are not set.
 #[test]
 fn fresh_seeds() {
     let number = |name| env::var(name).ok().map(|text| text.parse::<u64>().expect("a number"));

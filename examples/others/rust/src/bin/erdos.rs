@@ -15,7 +15,7 @@ use others::DrivenRun;
 struct Fuse {
     harness: Arc<DrivenRun>,
     streams: [StreamId; 2],
-    /// What was sent: ERDOS leaves it to its user to send once.
+    /// The messages that were sent. ERDOS leaves it to its user to send each once.
     sent: Arc<Mutex<HashSet<usize>>>,
 }
 

@@ -143,7 +143,7 @@ impl ObservedRun {
         problems
     }
 
-    /// What grew from the first calm to the last.
+    /// Returns what grew from the first calm to the last.
     fn leaks(&self) -> Vec<String> {
         let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else {
             return vec!["nothing was measured".to_owned()];

@@ -14,7 +14,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::time::sleep;
 
-/// How long a cloud takes when nothing is wrong.
+/// The time that a cloud takes when nothing is wrong.
 const WORK: Duration = Duration::from_millis(10);
 
 #[derive(clap::Args)]

@@ -1,4 +1,4 @@
-//! What is disrupted, when and for how long, drawn from a seed.
+//! Draws disruptions from a seed: the part, the instant and the duration.
 
 use std::fmt;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! What must hold of every run, by name.
+//! Checks that must hold of every run, by name.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

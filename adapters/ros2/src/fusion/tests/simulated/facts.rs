@@ -1,4 +1,4 @@
-//! What is known of a run: the trace, and what was seen beside it.
+//! The facts of a run: its trace, and what was seen beside it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -15,7 +15,7 @@ use super::scenario::{Disturbance, Form, Scenario};
 use crate::fusion::LOCAL;
 use crate::settings::{Change, Settings};
 
-/// What a run may come to, in words.
+/// The kinds of endings that a run may have, in words.
 pub(super) const KINDS: [&str; 14] = [
     "an output of a cloud",
     "an output of local by a timer",
@@ -55,7 +55,7 @@ pub(super) struct Message<'a> {
     pub(super) reported: Vec<&'a StatusReport>,
 }
 
-/// What is in force: of the node, and of each cloud.
+/// The settings in force: the node's, and each cloud's.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct State {
     pub(super) is_active: bool,
@@ -65,7 +65,7 @@ pub(super) struct State {
     pub(super) peers: Vec<CloudStatus>,
 }
 
-/// How a cloud stands.
+/// States how a cloud stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct CloudStatus {
     pub(super) is_enabled: bool,
@@ -152,7 +152,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// What may have been in force when something came: at one instant either is first.
+    /// Returns what may have been in force when something came: at one instant either is first.
     pub(super) fn states(&self, at: u64) -> impl Iterator<Item = &State> {
         let when = self.meanwhile(at);
         let before = self.set.iter().rev().find(|(since, _)| *since < at);
@@ -160,7 +160,8 @@ impl<'a> Facts<'a> {
         before.into_iter().chain(meanwhile).map(|(_, state)| state)
     }
 
-    /// When the node may have looked at what came at this instant: at once, unless its process stood still from then on.
+    /// Returns when the node may have looked at an input of this instant: at once, unless its
+    /// process stood still from then on.
     fn meanwhile(&self, at: u64) -> RangeInclusive<u64> {
         let stalls = self.played.log.turned.iter().filter_map(|(from, turn)| match turn {
             Disturbance::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
@@ -196,7 +197,7 @@ impl<'a> Facts<'a> {
         (0..at.len()).filter(is_same).count() > 1
     }
 
-    /// What it came to.
+    /// Returns what it came to.
     pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
         let mut kinds = BTreeSet::new();
         let mut mark = |is: bool, kind: usize| {
@@ -301,7 +302,7 @@ impl StatusReport {
     }
 }
 
-/// What a status has under a key.
+/// Returns what a status has under a key.
 pub(super) fn value<'a>(values: &'a [crate::report::KeyValue], key: &str) -> Option<&'a str> {
     values.iter().find(|value| value.key == key).map(|value| &*value.value)
 }

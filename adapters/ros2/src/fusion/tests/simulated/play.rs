@@ -26,7 +26,7 @@ use crate::report::DiagnosticStatus;
 use crate::source::{Handle, NodeSource, Route, UnmatchedResults};
 use crate::status_publisher::PublishStatus;
 
-/// What came of a scenario.
+/// The outcome of a scenario.
 pub(super) struct RunResult {
     pub(super) log: Log,
     pub(super) trace: Vec<u8>,
@@ -35,16 +35,16 @@ pub(super) struct RunResult {
     pub(super) held: usize,
 }
 
-/// What was seen of the node. Instants are nanoseconds of its clock.
+/// Records what was seen of the node. Instants are nanoseconds of its clock.
 #[derive(Default, Debug)]
 pub(super) struct Log {
-    /// When each input came.
+    /// The instants at which each input came.
     pub(super) arrived_at: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,
     /// By index: hints as they were published.
     pub(super) hints: Vec<(usize, Result<Value, Vec<u8>>)>,
-    /// What else happened, and when.
+    /// The other events, with their instants.
     pub(super) turned: Vec<(u64, Disturbance)>,
     /// By index: what came on its topic that is no result of a message, by key or form.
     pub(super) unmatched: Vec<UnmatchedResults>,
@@ -81,7 +81,7 @@ pub(super) struct Output {
     pub(super) is_sent: bool,
 }
 
-/// What a result says of itself.
+/// The facts that a result states about itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Value {
     pub(super) key: u64,

@@ -12,13 +12,13 @@ use crate::{Commit, Settings};
 pub(super) struct Scenario {
     pub(super) window: u16,
     pub(super) commit: Commit,
-    /// How many more messages may wait for local.
+    /// The number of further messages that may wait for local.
     pub(super) waiting: u16,
     /// Local, then the clouds, whose priorities are their indices.
     pub(super) peers: Vec<Peer>,
     /// In the order of their instants.
     pub(super) inputs: Vec<Input>,
-    /// What else happens, in the order of its instants.
+    /// The other events, in the order of their instants.
     pub(super) turns: Vec<(Duration, Disturbance)>,
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Peer {
     pub(super) hints: bool,
 }
 
-/// What comes on the input's topic, and what becomes of it.
+/// An input on the input's topic, and its fate.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Input {
     pub(super) at: Duration,
@@ -42,11 +42,11 @@ pub(super) struct Input {
     pub(super) form: Form,
     /// `true` if its output finds a subscriber that is too far behind.
     pub(super) is_unsent: bool,
-    /// What becomes of it at each peer that gets a request.
+    /// The fate of the input at each peer that gets a request.
     pub(super) fates: Vec<Delivery>,
 }
 
-/// What a message is made of.
+/// The form of a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Form {
     Whole,
@@ -58,15 +58,15 @@ pub(super) enum Form {
 /// A request's, and that of the results that it leads to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Delivery {
-    /// How long the request takes to its peer; it gets lost if not given.
+    /// The time that the request takes to its peer; it gets lost if not given.
     pub(super) delay: Option<Duration>,
-    /// How long the peer computes.
+    /// The time for which the peer computes.
     pub(super) took: Duration,
     /// None is a result that gets lost; two are one that is doubled.
     pub(super) replies: Vec<Reply>,
 }
 
-/// What comes back, and how long it takes.
+/// The reply, and how long it takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Reply {
     pub(super) delay: Duration,
@@ -82,7 +82,7 @@ pub(super) enum DisturbanceKind {
     NotCdr,
 }
 
-/// What happens beside inputs.
+/// An event beside inputs.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) enum Disturbance {
     /// A parameter is set.
@@ -129,8 +129,8 @@ impl Scenario {
         all
     }
 
-    /// When everything is well again and nothing that was lost is waited for any more: the messages that wait for
-    /// local may get lost one after the other, each for a second.
+    /// Returns the time until everything works again and no lost message is awaited any more. The
+    /// messages that wait for local may get lost one after the other, each for a second.
     pub(super) fn calm(&self) -> Duration {
         let inputs = self.inputs.iter().map(|input| input.at);
         let last = inputs.chain(self.turns.iter().map(|turn| turn.0)).max().unwrap_or_default();
@@ -149,7 +149,7 @@ impl Scenario {
         self.inputs.iter().cloned().chain(calm).collect()
     }
 
-    /// What else happens, and what makes everything well again.
+    /// Returns what else happens, and what makes everything well again.
     pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Disturbance)> {
         let set = |change| Disturbance::Set(change);
         let mut last = vec![
@@ -166,7 +166,7 @@ impl Scenario {
         self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
     }
 
-    /// When the node is stopped.
+    /// Returns when the node is stopped.
     pub(super) fn end(&self) -> Duration {
         self.calm() + APART * u32::try_from(CALM).unwrap_or(0) + Duration::from_secs(2)
     }
@@ -204,7 +204,7 @@ impl fmt::Display for Scenario {
 }
 
 impl Delivery {
-    /// What is well: the greater the priority, the later the result.
+    /// Makes a cloud that works. The greater its priority is, the later is its result.
     pub(super) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
         let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };

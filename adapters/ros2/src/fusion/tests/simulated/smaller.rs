@@ -8,7 +8,7 @@ use fuseline_testkit::{Simplification, Steps, shrink};
 
 use super::scenario::{Delivery, Form, Scenario};
 
-/// How long smaller ones are tried.
+/// The search for a smaller scenario takes at most this long.
 const TRIES: Duration = Duration::from_secs(20);
 
 /// The smallest run that was found of which `breaks` is true.
