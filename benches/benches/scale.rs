@@ -230,7 +230,7 @@ async fn feed(mut writer: Writer<u64>, first: Instant) {
     let mut ticks = ticks(first);
     for t in 0..MESSAGES {
         ticks.tick().await;
-        // Who lags this far is seen to by what it answers.
+        // If an operator lags this far, its answers show it.
         let _ = writer.write(t);
     }
 }

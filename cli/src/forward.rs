@@ -148,7 +148,7 @@ where
     B: http_body::Body<Data = Bytes> + Send + Unpin + 'static,
     B::Error: Into<Error>,
 {
-    // What ends with its headers does so on the other side too: so it is with an error of gRPC without a message.
+    // A reply that ends with its headers does so on the other side too: an error of gRPC without a message does.
     if body.is_end_stream() {
         return Body::empty();
     }

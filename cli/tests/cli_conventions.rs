@@ -130,7 +130,7 @@ fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
     let dir = tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).display().to_string();
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
-    // Of long lines, so that they are few.
+    // The lines are long, so that they are few.
     let tick = format!("{{\"ev\":\"tick\",\"at\":7,\"x\":\"{}\"}}\n", "x".repeat(500));
     let ticks = |count| header.to_owned() + &tick.repeat(count);
     fs::write(path("long.jsonl"), ticks(40_000)).unwrap();

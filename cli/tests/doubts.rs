@@ -348,7 +348,7 @@ fn a_silent_cloud_is_told_under_progressive() {
     let checked = run(&[&["check"], &OBSERVED[..]].concat(), &text);
     assert_eq!(checked.status.code(), Some(3), "{}", out(&checked));
     assert!(out(&checked).contains("in doubt: 20 silent"), "{}", out(&checked));
-    // One that is ahead of the cloud's ends the waiting.
+    // A result that is ahead of the cloud's ends the waiting.
     let two = header.replace("}]", "},{\"p\":2,\"limit\":15}]");
     let ahead = |t: u64, at: u64| {
         let mut lines = message(t, at, 0);

@@ -194,7 +194,7 @@ fn perfetto_shows_each_call_and_each_decision_of_several_traces_once() {
         assert_eq!(shown, expected);
     }
     assert_eq!(events.len(), expected.len());
-    // What has no place there is noted, of each trace that has such keys.
+    // Keys that have no place there are noted, for each trace that has such keys.
     let has_more = |(_, annotations): &(Event, Annotations)| {
         let Annotations { attempt, within, .. } = annotations;
         !annotations.value().is_empty() || attempt.is_some() || within.is_some()

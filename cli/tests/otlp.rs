@@ -55,7 +55,7 @@ fn a_message_is_opened_and_ended_by_its_span_and_requested_by_client_spans() {
         // Below another span, and out of time: no result, and no failure of the cloud.
         span("1s", "1", "steps", 1, [1, 41], &json!({})),
         span("1c", "1s", "infer.Model/Infer", 3, [1, 41], &code(4)),
-        // What a client span has below it is its own.
+        // Spans below a client span belong to it.
         span("1d", "1c", "tcp.connect", 3, [1, 2], &json!({})),
         span("2", "", "decide", 1, [51, 60], &json!({})),
         span("2c", "2", "infer.Model/Infer", 3, [51, 60], &json!({})),

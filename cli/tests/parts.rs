@@ -70,7 +70,7 @@ fn a_page_and_an_export_hold_the_part_alone() {
     let data: Value = serde_json::from_str(data).unwrap();
     let trace = &data["traces"][0];
     assert_eq!((&trace["ev"], &trace["account"]["messages"]), (&"orore".into(), &2.into()));
-    // Of the whole file: 2 + 12 × 3 − 4 missing emits come before.
+    // The number is that of the whole file: 2 + 12 × 3 − 4 missing emits come before.
     assert_eq!(trace["line"], serde_json::json!([34, 1, 1, 1, 1]));
     assert_eq!(trace["violations"][0]["line"], 35);
     let done = run(&[&["export", "--perfetto"], &part[..], &[&viewer]].concat(), "");

@@ -173,7 +173,7 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let rows = rows(&dir.path().join("fuseline-probe.csv"));
     assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
     assert!(rows.is_sorted_by(|one, next| ms(&one[0]) < ms(&next[0])));
-    // What the relay held an answer for is in its round trip, and in the best of all little else.
+    // The time for which the relay held an answer is in its round trip, and in the best of all little else.
     // Two that were sent at once may come in either order, so each is found by its slot.
     let mut sent = requests.clone();
     sent.sort_by_key(|request| request.slot);

@@ -172,7 +172,7 @@ fn all_policies_have_the_same_limits() {
             let admitted = sum(cloud["requests"].as_object().unwrap().values()) - count("refused");
             // No cloud answered what was never requested of it.
             assert!(in_time(alone) <= admitted, "{report}");
-            // What was answered was sent whole; what was aborted, in part.
+            // An answered request was sent whole; an aborted one, in part.
             let sent = alone["sent_bytes"].as_u64().unwrap();
             let answered = count("forwarded") + count("discarded");
             assert!((33_300 * answered..33_340 * admitted).contains(&sent), "{report}");
@@ -224,7 +224,7 @@ fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
 #[test]
 fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
-    // What there was before is named as it was given, too.
+    // A file that existed before is named as it was given, too.
     fs::write(dir.path().join("mine.jsonl"), "earlier").unwrap();
     let args = ["--force", "--for", "1s", "--trace", "mine.jsonl", "--accept", BUSY];
     let ran = run_in(dir.path(), &args);
@@ -457,7 +457,7 @@ fn a_run_under_way_is_followed() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    // What is judged for certain is all but the last ones.
+    // All messages are judged for certain except the last ones.
     let recorded = until_recorded(&trace, 6);
     let positions = format!("/proc/{}/fdinfo", follower.id());
     until(|| {

@@ -107,7 +107,7 @@ fn a_recorded_network_is_put_before_a_server() {
     let network = Server::start(dir.path(), &["--forward", &behind, "--drive", "drive.csv"]);
     assert_eq!(requests(dir.path(), &network.cloud("http", ""))["forwarded"], 5);
     drop(server);
-    // What is behind it is gone, and then back again.
+    // The server behind it is gone, and then back again.
     assert_eq!(requests(dir.path(), &network.cloud("http", ""))["failed"], 5);
     let port = behind.rsplit_once(':').unwrap().1;
     let again = ["--listen", &format!("127.0.0.1:{port}"), "--model", "DINO-SWIN-Tiny"];
@@ -441,7 +441,7 @@ fn a_probe_of_a_model_says_that_it_measures_the_model_too() {
     for part in [&*url, "DINO-SWIN-Large", " ms", "fuseline probe --serve"] {
         assert!(warning.contains(part), "{warning}");
     }
-    // One that answers probes alone is not warned of.
+    // A server that answers only probes gets no warning.
     let args = ["probe", "--serve", "--listen", "127.0.0.1:0"];
     let mut child = fuseline(&args).stdout(Stdio::piped()).spawn().unwrap();
     let mut printed = String::new();

@@ -40,7 +40,7 @@ def counterexample(fault):
 
 
 def caught(fault, build, folder):
-    """Why the fault is not caught as its entry says, if so."""
+    """Returns why the fault is not caught as its entry says, or None."""
     for name in SHARED:
         (folder / f"{name}.vo").symlink_to(build / f"{name}.vo")
     source = (HERE / "Rules.v").read_text(encoding="utf-8")

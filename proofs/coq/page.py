@@ -40,7 +40,7 @@ def home(theorem):
 
 
 def wrong_with(theorem):
-    """What is wrong with a theorem, if anything."""
+    """Yields what is wrong with a theorem."""
     if not home(theorem):
         yield "is not here"
         return

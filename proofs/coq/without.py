@@ -64,7 +64,7 @@ def above(name):
 
 
 def hypotheses(body):
-    """Where the hypotheses of a statement stand: between arrows outside of all brackets."""
+    """Finds the hypotheses of a statement: between arrows outside of all brackets."""
     found, depth, start, i = [], 0, 0, 0
     while i < len(body):
         depth += (body[i] in "([") - (body[i] in ")]")
@@ -90,7 +90,7 @@ def without(body):
 
 
 def parameters(own, body):
-    """Those of a definition of Statements.v outside of its section."""
+    """Returns the hypotheses of a definition of Statements.v outside of its section."""
     if "tr" in own:
         return own.strip()
     return f"{'(cfg : config) ' if 'cfg' in body else ''}(tr : trace) {own.strip()}".strip()
@@ -126,7 +126,7 @@ def of_statements(wanted):
 
 
 def body_at(text, i):
-    """What follows the first colon outside of brackets."""
+    """Returns what follows the first colon outside of brackets."""
     depth = 0
     while depth or text[i] != ":":
         depth += (text[i] in "([") - (text[i] in ")]")
@@ -162,7 +162,7 @@ def compiled(folder, name):
 
 
 def unused(build, removal):
-    """Why no script uses it, if so."""
+    """Returns why no script uses it, or None."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         linked(folder, build, {file for file, _ in removal.files})

@@ -129,7 +129,7 @@ impl Get<Range<usize>> for Cells<Timestamp> {
         let (at, own) = (self.at[0], self.values[0].as_u64());
         let [mut first, mut last]: [u64; 2] = kani::any();
         if places.contains(&at) {
-            // Those before it are less, and those behind it are greater.
+            // The cells before it are less, and the cells behind it are greater.
             let (is_first, is_last) = (at == places.start, at + 1 == places.end);
             kani::assume((is_first || own > 0) && (is_last || own < u64::MAX));
             first = if is_first { own } else { first.min(own.wrapping_sub(1)) };

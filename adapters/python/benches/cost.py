@@ -1,4 +1,4 @@
-"""What the machine and the operator cost in Python.
+"""Measures what the machine and the operator cost in Python.
 
     python benches/cost.py [--messages N] [--rounds N] [--uvloop]
 

@@ -1,4 +1,4 @@
-"""What judging a fleet costs, alone and on engines.
+"""Measures what judging a fleet costs, alone and on engines.
 
     python benches/fleet.py FOLDER [--engine alone|ray|spark] [--workers N] [--rounds N]
 

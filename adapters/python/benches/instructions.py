@@ -1,4 +1,4 @@
-"""How many instructions a message takes on uvloop, by callgrind, and the same by hand.
+"""Counts the instructions of a message on uvloop, by callgrind, and of the same by hand.
 
     python benches/instructions.py [--messages N] [--most TIMES]
 
@@ -29,7 +29,7 @@ WARM_UP = 200
 
 
 def inside(messages: int, library: str) -> None:
-    """What valgrind runs: the operator, then by hand."""
+    """Runs under valgrind: the operator, then by hand."""
     import uvloop
     from cost import Sources, by_hand, one_by_one, operator
 

@@ -33,7 +33,7 @@ DEADLINE = 0.025
 
 
 def target(seconds: float) -> float:
-    """Where the joint is to be, in radians."""
+    """Returns the wanted position of the joint, in radians."""
     return math.sin(2.0 * seconds) + 0.4 * math.sin(5.0 * seconds)
 
 
@@ -139,7 +139,7 @@ async def drive(operator: fuseline.Operator[Any, float], server: PolicyServer, t
 
 
 def draw(arm: Arm, trace: Path, file: Path) -> None:
-    """Where the joint was and whose actions moved it, above how long each took."""
+    """Draws where the joint was, and whose actions moved it, above their response times."""
     import matplotlib.pyplot as plt
 
     figure, (above, below) = plt.subplots(2, figsize=(10, 6), sharex=True, layout="constrained")

@@ -291,7 +291,7 @@ impl PyCalls {
     ) -> PyResult<()> {
         let py = this.py();
         self.is_deciding.store(true, Ordering::Relaxed);
-        // What a handler raised that is no error is raised once all is done that was decided.
+        // An exception of a handler that is no error is raised once every decision is carried out.
         let (first, raised) = match input(self.engine.get()) {
             Ok(first) => (first, None),
             Err(raised) => (None, Some(raised)),

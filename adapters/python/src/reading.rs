@@ -47,7 +47,7 @@ pub(crate) fn with_trace<T: Send>(
         let own = path.display().to_string();
         (TraceSource::File(path), own)
     } else if trace.hasattr("read")? && !trace.hasattr("encoding")? {
-        // What has an encoding gives text: that is read by the line.
+        // A file with an encoding gives text, which is read by the line.
         (TraceSource::Stream(trace.clone().unbind()), "<stream>".to_owned())
     } else if let Ok(lines) = trace.try_iter() {
         (TraceSource::Lines(lines.unbind()), "<lines>".to_owned())

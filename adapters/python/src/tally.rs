@@ -61,7 +61,7 @@ impl PyTally {
                 self.open.remove(&t);
             }
             Event::Decision(Decision::Emit { at, t, p }) => {
-                // What no message asked for is the judge's business.
+                // The judge reports an output for which no message is open.
                 let Some((opened, _)) = self.open.get(&t) else { return };
                 let output = (p, bin(at.saturating_sub(*opened)));
                 *self.outputs.entry(output).or_default() += 1;

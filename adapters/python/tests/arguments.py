@@ -1,4 +1,4 @@
-"""What operators and local take and refuse, for `test_arguments`."""
+"""The arguments that operators and local take and refuse, for `test_arguments`."""
 
 from __future__ import annotations
 
@@ -118,13 +118,13 @@ RANGE = "a priority of {}; clouds have 1 to 65535, and local has 0"
 
 
 def but_none(bad: Bad) -> Bad:
-    """Where None stands for a default."""
+    """An argument for which None stands for a default."""
     return [it for it in bad if it[0] is not None]
 
 
 @dataclass
 class Arguments:
-    """What a call takes and what it refuses."""
+    """The arguments that a call takes, and those that it refuses."""
 
     #: Called with all arguments by name.
     call: Callable[..., Any]
@@ -134,7 +134,7 @@ class Arguments:
     taken: dict[str, list[Any]] = field(default_factory=dict)
     #: Whatever is given is taken as it is, or refused by what it is handed to.
     free: str = ""
-    #: Whose signature it is, if it is not the call's.
+    #: The function that has the signature, if it is not the call.
     of: Callable[..., Any] | None = None
 
 
@@ -143,7 +143,7 @@ def operator(**of: Any) -> Operator[Any, Any]:
 
 
 def started(**of: Any) -> None:
-    """What only the start can refuse."""
+    """An argument that only the start can refuse."""
 
     async def main() -> None:
         made = operator(**of)

@@ -1,4 +1,4 @@
-"""What is around operators takes and refuses, for `test_arguments`."""
+"""The arguments that the parts around operators take and refuse, for `test_arguments`."""
 
 from __future__ import annotations
 

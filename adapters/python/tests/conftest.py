@@ -1,4 +1,4 @@
-"""What the tests share: coroutines are run in virtual time, so that no test waits."""
+"""Runs the tests' coroutines in virtual time, so that no test waits."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def run() -> Run[Any]:
 
 
 def open_files() -> int:
-    """How many descriptors this process has."""
+    """Returns the number of descriptors of this process."""
     files = Path("/proc/self/fd")
     return len(list(files.iterdir())) if files.is_dir() else 0
 

@@ -14,7 +14,7 @@ from fuseline import Admitted, Cloud, Fusion, ns
 
 #: The time between two messages.
 PERIOD = 33_333_333
-#: How long a request may take.
+#: The deadline of a request.
 DEADLINE = 100_000_000
 
 

@@ -71,7 +71,7 @@ def wiring_errors(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 def elsewhere(work: Callable[[], Any]) -> BaseException | None:
-    """What it raises in another thread."""
+    """Returns what it raises in another thread."""
     raised: list[BaseException] = []
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""What the tests of operators share: clouds and local with a runtime, and a judged run."""
+"""Shared by the tests of operators: clouds and local with a runtime, and a judged run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is counted adds up, and what was taken is given back, of each part of an operator."""
+"""Counts add up, and each part of an operator gives back what it took."""
 
 from __future__ import annotations
 

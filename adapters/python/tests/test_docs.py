@@ -1,4 +1,4 @@
-"""What the documents show is what happens."""
+"""The documents show what happens."""
 
 from __future__ import annotations
 

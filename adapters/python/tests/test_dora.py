@@ -204,7 +204,7 @@ def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run
 def test_events_of_no_concern_change_nothing(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Of inputs that the node does not have, of a kind to come, and of its own input's return."""
+    """Sends events of unknown inputs, of an unknown kind, and of the own input's return."""
     kinds = ("INPUT", "INPUT_CLOSED", "INPUT_RECOVERED", "STOPPED", "ERROR")
     other = [{"type": kind, "id": "lidar_result", "value": 0, "metadata": {}} for kind in kinds]
     own = [{"type": kind, "id": "input"} for kind in ("INPUT_RECOVERED", "ERROR")]
@@ -374,7 +374,7 @@ nodes:
 
 
 def sunk_in_a_dataflow(dora: Path, folder: Path) -> list[Any]:
-    """What the camera had back, by message, of one run; what of it is there is right."""
+    """Returns what the camera had back in one run, by message, after it checked each part."""
     folder.mkdir()
     (folder / "nodes.py").write_text(NODES)
     (folder / "flow.yml").write_text(DATAFLOW.replace("PYTHON", sys.executable))

@@ -36,7 +36,7 @@ def once(deadline: float) -> Any:
 
 
 def in_thread(work: Any) -> Any:
-    """What a function raises or returns in a thread of its own."""
+    """Returns what a function raises or returns in a thread of its own."""
     ended: Future[Any] = Future()
 
     def run() -> None:

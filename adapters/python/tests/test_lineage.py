@@ -1,4 +1,4 @@
-"""What a message comes from, how old an output is, and of which message its value is."""
+"""Tests lineages: where a message comes from, an output's age, and its value's message."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MS = 0.001
 
 
 def opened(path: Path) -> list[tuple[int | None, ...]]:
-    """Of each open its instant in ms, `seq`, `age` and `within` in ms."""
+    """Returns for each open its instant in ms, `seq`, `age` and `within` in ms."""
 
     def ms(nanos: int | None) -> int | None:
         return None if nanos is None else nanos // 1_000_000

@@ -233,7 +233,7 @@ def test_a_trace_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) 
 
 
 def test_an_operator_can_be_read_along(tmp_path: Path) -> None:
-    """What was missed is on the disk at once, while the operator runs."""
+    """A missed message is on the disk at once, while the operator runs."""
     trace = tmp_path / "trace.jsonl"
 
     def broken(message: int, t: int) -> int:

@@ -1,4 +1,4 @@
-"""What stands between operators: joins, budgets, order, substitutes, states and side requests."""
+"""Tests what is between operators: joins, budgets, order, substitutes, states, side requests."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MS = 0.001
 
 
 def of(loop: VirtualLoop, seq: int, within: float | None = None) -> Lineage:
-    """Of a frame that is captured now."""
+    """Returns the lineage of a frame that is captured now."""
     return Lineage("camera", seq, loop.time_ns(), within)
 
 

@@ -60,7 +60,7 @@ def situation(message: int, t: int) -> Situation:
 
 
 async def one(operator: Operator[int, str], loop: VirtualLoop, message: int) -> tuple[Any, ...]:
-    """How a message is answered, and how long that takes."""
+    """Returns how a message is answered, and how long that takes."""
     begin = loop.time()
     operator.write(message, Lineage("camera", seq=message))
     item = await anext(operator)

@@ -20,7 +20,7 @@ from fuseline import Call, Item, Latency, Lineage, Local, Operator, StampedValue
 from fuseline.deadline import Constant
 from fuseline.testing import VirtualLoop
 
-#: How many are compared: all, unless the landing's sample is wanted.
+#: The number of scenarios that are compared: all, unless the landing's sample is wanted.
 SCENARIOS = int(
     os.environ.get("SCENARIOS", "200" if os.environ.get("FUSELINE_TIER") == "landing" else "1000")
 )
@@ -31,7 +31,7 @@ SIDE = 100
 
 @dataclass(frozen=True)
 class DrawnAction:
-    """What a source does with a message, and of which message it says that its reply is."""
+    """Tells a source what to do with a message, and which message its reply names."""
 
     kind: str
     ms: int
@@ -71,7 +71,7 @@ class DrawnLineage:
 
 @dataclass(frozen=True)
 class DrawnMessage:
-    """When it comes, its lineage, what local does, and what each cloud and side request does.
+    """A message: its instant, its lineage, and what local, each cloud and side request do.
 
     A cloud or side request without a deadline is not asked.
     """
@@ -178,7 +178,7 @@ class DrawnScenario:
             yield to_text("message", message.at, lineage, message.local, *asked)
 
     async def play(self, loop: VirtualLoop, trace: Path) -> tuple[list[str], bool]:
-        """What became of it, in lines, and whether side requests make it ambiguous."""
+        """Returns its outcome in lines, and whether side requests make it ambiguous."""
         instants: list[int] = []
 
         async def local(message: DrawnMessage, t: int) -> str:
@@ -287,7 +287,7 @@ def item_line(item: Item[str]) -> str:
 
 
 def is_ambiguous(trace: Path) -> bool:
-    """Whether two events fall on one instant: in which order they are taken is no rule."""
+    """Returns whether two events fall on one instant. No rule says which is taken first."""
     inputs: Counter[int] = Counter()
     ticks: set[int] = set()
     due: set[int] = set()

@@ -1,4 +1,4 @@
-"""What an operator, a join, a thread or a connection does before, beside and after its work."""
+"""Tests operators, joins, threads and connections before, beside and after their work."""
 
 from __future__ import annotations
 

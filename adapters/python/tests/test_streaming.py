@@ -99,7 +99,7 @@ def test_overlap_is_the_share_of_squares_in_common() -> None:
 
 
 class ReferenceForecast:
-    """The same by whole tracks: each is a box, its velocity, and the instant of both."""
+    """Computes the loss by whole tracks: each is a box, its velocity, and the instant of both."""
 
     def __init__(self, least: float, weight: float) -> None:
         self.least, self.weight = least, weight

@@ -1,4 +1,4 @@
-"""What tasks run: calls that end early, late, or otherwise than by a plain value."""
+"""Tests calls that end early, late, or otherwise than by a plain value."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let set = ["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0", &file];
     Box::pin(beside(settings(domain(1), &set), peers)).await;
 
-    // What it came from is the topic, and the stamp says how old it is.
+    // The origin is the topic, and the stamp says how old the message is.
     let text = std::fs::read_to_string(path).unwrap();
     let verdict = fuseline_traces::judge("trace", text.as_bytes()).unwrap();
     assert!(verdict.violations.is_empty(), "{verdict}");
@@ -355,7 +355,7 @@ async fn messages_of_another_type_are_not_taken_in() {
                 timeout(Duration::from_secs(1), requested.next()).await
             {
                 assert!(image.header.stamp.sec >= 1000, "a message of another type was taken in");
-                // What follows it was sent after the node had met both.
+                // The next message was sent after the node had met both.
                 if sec > 1003 {
                     break;
                 }

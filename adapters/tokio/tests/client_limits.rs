@@ -402,7 +402,7 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
         raw.greet().await;
         let block = vec![0; 16 * 1024];
         for stream in [1, 3, 5, 7] {
-            // Who was reset while more was on its way may be closed altogether.
+            // A client that was reset while more was on its way may be closed altogether.
             if !raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await {
                 break;
             }

@@ -143,7 +143,7 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
         writer.write(0).unwrap();
         let item = output.read().await.unwrap();
         assert_eq!(item.forwarded().unwrap().value, "local 0");
-        // What was aborted is dropped on this thread.
+        // An aborted call is dropped on this thread.
         for _ in 0..100 {
             tokio::task::yield_now().await;
         }
@@ -151,7 +151,7 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
         running.stop();
         running.join().await.unwrap();
         blocked.await.unwrap();
-        // What waited before it has had its turn.
+        // Tasks that waited before it have had their turn.
         spawn_blocking(|| ()).await.unwrap();
     });
     assert_eq!(begun.load(Ordering::Relaxed), 0);
@@ -206,7 +206,7 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
 async fn a_thread_that_was_replaced_ends_with_its_computation() {
     let (held, thread) = (Hold::default(), Arc::new(()));
     let (hung, mine) = (Arc::clone(&held), Arc::clone(&thread));
-    // What a thread computes with is dropped when the thread ends.
+    // A thread drops the function that it computes with when it ends.
     let mut local = Local::threads(1, move || {
         let (hung, mine) = (Arc::clone(&hung), Arc::clone(&mine));
         move |n: &u64, _: u64| {

@@ -97,7 +97,7 @@ fn many_calls_leave_no_memory_behind() {
             let (mut writer, input) = stream(8);
             let operator = ChangeableOperator { has_threads };
             let (running, mut output) = spawn(operator, Config::default(), input).unwrap();
-            // What is remembered of the last 1024 messages is there by then.
+            // By then everything that is remembered of the last 1024 messages is there.
             messages(&mut writer, &mut output, 1500).await;
             let before = ALLOCATED.allocated();
             messages(&mut writer, &mut output, 3000).await;

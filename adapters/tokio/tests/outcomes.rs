@@ -106,7 +106,7 @@ fn tallied(tally: &fuseline_tokio::Tally) -> CountedOutcomes {
 async fn a_latency_is_measured_of_the_messages_that_were_taken_on() {
     let latency = Latency::measured(1, Duration::ZERO);
     let config = Config { window: 1, latency: Some(latency.clone()), ..Config::default() };
-    // Of each pair the second one comes before the first is answered.
+    // The second message of each pair comes before the first one is answered.
     let messages: Vec<u64> = (0..16).flat_map(|pair| [100 * pair, 100 * pair + 5]).collect();
     let played = play(Script::new(), config, &messages).await;
     assert_eq!(played.tally.refused, [(OpenRefusal::Full, 16)].into());

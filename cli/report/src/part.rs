@@ -126,7 +126,7 @@ mod tests {
         let takes = [(100, 1), (109, 2), (110, 3), (119, 4), (120, 5)]
             .map(|(at, t)| filter.takes(&open(at, t)));
         assert_eq!(takes, [false, false, true, true, false]);
-        // What happens to it later goes with it.
+        // Later events of the message go with it.
         assert!(filter.takes(&Event::Input(Input::Result { at: 500, t: 3, p: 0 })));
         assert!(!filter.takes(&Event::Input(Input::Result { at: 115, t: 2, p: 0 })));
         assert!(!filter.takes(&Event::Input(Input::Tick { at: 500 })));

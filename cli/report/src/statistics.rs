@@ -353,7 +353,7 @@ impl TraceStatistics {
             }
             let arrivals = (0..self.known).map(|source| {
                 let opened = story.begin().filter(|_| story.is_requested(source));
-                // What was refused is as good as failed at once: nobody waits for it.
+                // Nobody waits for a request that was refused, so it counts as failed at once.
                 let Some(opened) = opened else { return ArrivalTime::Failed(Duration::ZERO) };
                 let call = story.calls.get(source).copied().unwrap_or_default();
                 let bound = call.ended.map(|(_, at)| at).or(story.end.map(|end| end.at));

@@ -141,7 +141,7 @@ impl RecountedMessage {
     fn fate(&self, p: u64) -> Option<RequestFate> {
         Some(match (*self.fates.get(&p)?, self.end) {
             (RequestFate::Discarded, Some((by, _))) if by == Some(p) => RequestFate::Forwarded,
-            // What it came to is open with its message.
+            // The fate of a held result is open as long as its message is.
             (RequestFate::Discarded, None) => RequestFate::Open,
             (RequestFate::Open, Some(_)) => RequestFate::Superseded,
             (fate, _) => fate,

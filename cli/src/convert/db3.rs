@@ -69,7 +69,7 @@ impl Db3Messages {
             if let Some(topic) = names.iter().position(|known| *known == name) {
                 let (of, data): (String, Option<String>) = (row.get(2)?, row.get(5)?);
                 let stored: Option<String> = row.get(4)?;
-                // Of a service's events no definition is stored; what they begin with is known.
+                // The file stores no definition of a service's events, but the fields at their beginning are known.
                 let event = of.ends_with("_Event").then(|| "ros2msg".to_owned());
                 let schema = stored.or(event).map(|encoding| {
                     let data = data.unwrap_or_default().into_bytes();

@@ -144,7 +144,7 @@ pub(super) fn missing(
     for (name, bits) in narrow.filter(|(name, _)| most > 0 || *name != "limits") {
         missing.push(named(&format!("{name} of more than {bits} bits"), &more));
     }
-    // What progressive alone, or no cloud, comes to is named above by its cause.
+    // Outcomes of progressive alone, or of no cloud, are named above by their cause.
     if generator.commit.is_none() && most >= 2 {
         let marks = reach.shares().into_iter().flat_map(|share| share.missing);
         let others = marks.filter(|mark| *mark != Edge::GreatestWindowFull.name());

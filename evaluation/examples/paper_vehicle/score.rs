@@ -70,7 +70,7 @@ pub(crate) fn ap50<'a>(ticks: impl Iterator<Item = (Vec<[f64; 5]>, &'a [Corners]
         boxes.extend(matches(found, people));
     }
     boxes.sort_by(|(one, _), (other, _)| other.total_cmp(one));
-    // How many are right so far, and which share.
+    // The number of right boxes so far, and their share.
     let mut points = Vec::new();
     let mut right_count = 0;
     for (number, (_, is_right)) in boxes.into_iter().enumerate() {

@@ -26,11 +26,11 @@ Annotations: TypeAlias = dict[int, Boxes]
 
 
 class BoxAgreement(NamedTuple):
-    """How two sets of boxes agree."""
+    """The agreement of two sets of boxes."""
 
     #: Pairs that overlap by half.
     agreed: int
-    #: How many there are in the one set, and in the other.
+    #: The number of boxes in the one set, and in the other.
     counts: tuple[int, int]
     #: The mean overlap (IoU) of the pairs.
     overlap: float
@@ -47,7 +47,7 @@ def read(path: Path = ANNOTATIONS) -> tuple[Annotations, Annotations]:
 
 
 def agreement(one: Annotations, other: Annotations) -> BoxAgreement:
-    """How two sets agree on the frames that the second has; who overlaps most is who."""
+    """Compares two sets on the frames that the second one has. Boxes that overlap most are matched."""
     shared: list[float] = []
     counts = [0, 0]
     for frame, boxes in other.items():
@@ -64,7 +64,7 @@ def agreement(one: Annotations, other: Annotations) -> BoxAgreement:
 def by_source(
     kept: KeptDetections, first: Annotations
 ) -> Iterator[tuple[str, Precision, Precision]]:
-    """How good each source is on these frames: by hand, and by the reference."""
+    """Rates each source on these frames: by hand, and by the reference."""
     for source in SOURCES:
         found = [kept.found[source][frame] for frame in first]
         by_hand = precision(map(match, found, first.values()))

@@ -22,7 +22,7 @@ from tfjs import Constant, GraphNode, TfjsGraph, padding
 
 #: The size that the graph was made for.
 FROZEN = 416
-#: Where a dimension with channels last is with channels first.
+#: The place of each dimension with channels first, by its place with channels last.
 CHANNELS_FIRST = (0, 2, 3, 1)
 
 
@@ -31,7 +31,7 @@ class OnnxValue(NamedTuple):
 
     name: str
     shape: tuple[int, ...]
-    #: Whether TensorFlow has the channels last, and it is kept with the channels first.
+    #: True if TensorFlow has the channels last, and it is kept with the channels first.
     is_image: bool
 
 

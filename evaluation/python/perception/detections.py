@@ -1,4 +1,4 @@
-"""What the networks found in the frames, kept: policies are compared without models or frames."""
+"""Keeps the boxes that the networks found in the frames: policies are compared without models or frames."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class KeptDetections:
 
     #: Frames a second.
     rate: float
-    #: How many bytes each frame's JPEG has.
+    #: The number of bytes of each frame's JPEG.
     jpeg_bytes: list[int]
     #: The network of each source, in words.
     networks: dict[str, str]
-    #: How long each source computed for each frame, in seconds, on one thread.
+    #: The time that each source computed for each frame, in seconds, on one thread.
     seconds: dict[str, list[float]]
-    #: What each source found in each frame.
+    #: The boxes that each source found in each frame.
     found: dict[str, list[Boxes]]
-    #: Where people are: boxes without scores.
+    #: The places of people: boxes without scores.
     reference: list[Boxes]
 
     def __len__(self) -> int:

@@ -8,7 +8,7 @@ from fuseline.networks import Drive, RecordedNetwork
 
 #: West is behind 5G with outages of seconds, east behind LTE on a highway.
 NETWORKS = {"west": Drive("cicv5g/rural_n8_v10"), "east": Drive("vnperf/highway:sprint")}
-#: Where a drive is begun, and how much later for each start, in seconds.
+#: The start of a drive, and the step from one start to the next, in seconds.
 OFFSETS = {"west": (0.0, 11.0), "east": (150.0, 290.0)}
 STARTS = 10
 

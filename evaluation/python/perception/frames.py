@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: How a camera would encode them.
+#: The settings with which a camera would encode them.
 QUALITY = 80
 #: Frames a second, by the speed of those who walk.
 RATE = 7.0

@@ -22,13 +22,13 @@ RECALLS = np.linspace(0.0, 1.0, 101)
 
 
 class BoxMatches(NamedTuple):
-    """What of one frame's boxes is right."""
+    """Says which of one frame's boxes are right."""
 
     #: The boxes' scores, the greatest first.
     scores: NDArray[np.float64]
-    #: Whether each is right, by threshold.
+    #: For each box, whether it is right, by threshold.
     hits: NDArray[np.bool_]
-    #: How many people there are.
+    #: The number of people.
     people: int
 
 

@@ -18,7 +18,7 @@ SIZES = {"local": (160, 224), "west": (320, 416), "east": (576, 768)}
 PERSON = 0
 #: Boxes that overlap more than that are one person's.
 GREATEST_OVERLAP = 0.5
-#: What the network was trained with: means and deviations of blue, green and red.
+#: The normalisation of the network's training: means and deviations of blue, green and red.
 MEAN = np.array([103.53, 116.28, 123.675], np.float32)
 DEVIATION = np.array([57.375, 57.12, 58.395], np.float32)
 #: Cells of the three heads, in pixels of the input.
@@ -98,7 +98,7 @@ def on_tiles(network: NanoDet, image: NDArray[np.uint8], share: float = 0.6) -> 
 
 
 def separate(boxes: Boxes) -> Boxes:
-    """Of boxes that overlap, the one of the greatest score."""
+    """Keeps, of boxes that overlap, the one of the greatest score."""
     boxes = boxes[np.argsort(-boxes[:, 4], kind="stable")]
     chosen = []
     while len(boxes):
@@ -124,7 +124,7 @@ def average(boxes: Boxes) -> Boxes:
 def _is_cut(
     boxes: Boxes, left: int, top: int, tile: tuple[int, ...], image: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    """Whether a box touches a border inside the image: the neighbouring tile has all of it."""
+    """Returns whether a box touches a border inside the image: the neighbouring tile has all of it."""
     right, bottom = left + tile[1], top + tile[0]
     cut = np.zeros(len(boxes), np.bool_)
     if left > 0:

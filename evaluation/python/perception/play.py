@@ -16,11 +16,11 @@ from detections import SOURCES, KeptDetections
 from emulation import delay, typical_delay
 from metrics import match, mean_overlap, precision
 
-#: How long a result may take, in seconds.
+#: The deadline of a result, in seconds.
 DEADLINE = 0.5
-#: How long a call may run on, so that a policy learns how long it really takes.
+#: The time that a call may run on, so that a policy learns its true response time.
 LINGER = 30.0
-#: What waiting costs `Expected`, in points of AP50 a millisecond.
+#: The price of waiting for `Expected`, in points of AP50 a millisecond.
 PRICE_PER_MS = 0.1
 CLOUDS = SOURCES[1:]
 
@@ -37,11 +37,11 @@ class SentBoxes:
 
 @dataclass(frozen=True)
 class Playthrough:
-    """What came of one approach from one start."""
+    """The outcome of one approach from one start."""
 
     #: In the order in which they were sent.
     outputs: list[SentBoxes]
-    #: What was sent to clouds.
+    #: The bytes that were sent to clouds.
     byte_count: int
 
 
@@ -56,11 +56,11 @@ class KeptDrive:
         self.kept, self.start, self.speed_share = kept, start, speed_share
 
     def captured(self, frame: int) -> float:
-        """When a frame is captured."""
+        """Returns when a frame is captured."""
         return frame / self.kept.rate
 
     def response(self, source: str, frame: int) -> float:
-        """How long after its capture a source's result is there."""
+        """Returns how long after its capture a source's result is there."""
         taken = self.kept.seconds[source][frame]
         if source == "local":
             return taken
@@ -87,7 +87,7 @@ class KeptDrive:
     def fused(
         self, commit: str, policy: Callable[[str], Policy] | None = None, trace: str | None = None
     ) -> Playthrough:
-        """What an operator sends, with a policy for each cloud or else a constant deadline."""
+        """Plays an operator, with a policy for each cloud or else a constant deadline. Returns what it sends."""
         return testing.run(lambda loop: self._fuse(loop, commit, policy, trace))
 
     async def _fuse(
@@ -158,7 +158,7 @@ class MeasuredPolicies:
 
     @cached_property
     def detectors(self) -> dict[str, BoxDetector]:
-        """How well each source does."""
+        """Returns the accuracy of each source."""
         kept = self._kept
         return {
             source: BoxDetector(
@@ -169,7 +169,7 @@ class MeasuredPolicies:
         }
 
     def response(self, source: str) -> float:
-        """How long a source usually takes, in seconds."""
+        """Returns how long a source usually takes, in seconds."""
         computes = statistics.median(self._kept.seconds[source])
         return computes + (typical_delay(source) if source in CLOUDS else 0.0)
 

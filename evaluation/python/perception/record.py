@@ -19,9 +19,9 @@ from metrics import Boxes
 from models import SIZES, NanoDet, average, on_tiles, network_name
 from reference import reference
 
-#: How many frames are kept: almost a minute.
+#: The number of frames that are kept: almost a minute.
 COUNT = 400
-#: Of every such frame tiles are looked at, too.
+#: One frame in this many is also looked at in tiles.
 TILE_STEP = 4
 
 
@@ -39,7 +39,7 @@ def network(folder: Path, source: str) -> NanoDet:
 
 
 def offline(east: NanoDet, images: list[NDArray[np.uint8]], whole: list[Boxes]) -> list[Boxes]:
-    """What the largest network finds in all of an image, and of some in their tiles, too."""
+    """Finds boxes by the largest network, in whole images and in the tiles of some."""
     opinions = list(whole)
     for number in range(0, len(images), TILE_STEP):
         opinions[number] = np.concatenate([whole[number], on_tiles(east, images[number])])

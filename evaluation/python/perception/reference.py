@@ -1,4 +1,4 @@
-"""Where people are, by what no operator could have: the largest network on tiles, joined over time.
+"""Finds where people are, by means that no operator has: the largest network on tiles, joined over time.
 
 A box belongs to the track whose last box it overlaps most. Gaps are filled, and tracks that are
 short or never sure are left out: both look into the future. So is what stands in the same place all
@@ -21,7 +21,7 @@ LEAST_LENGTH = 5
 SURE = 0.5
 #: A box is a thing's if one of that overlap is there in such a share of the frames.
 SAME_PLACE, GREATEST_SHARE = 0.6, 0.35
-#: Of how many frames one is looked at for things.
+#: One frame in this many is looked at for things.
 THING_STEP = 8
 
 #: The boxes of one person, with their frames.
@@ -42,7 +42,7 @@ def reference(frames: list[Boxes]) -> list[Boxes]:
 
 
 def _one_each(boxes: Boxes) -> Boxes:
-    """Without boxes of the same place as one before them."""
+    """Drops boxes of the same place as one before them."""
     chosen = boxes[:0]
     for box in boxes:
         if not len(chosen) or overlaps(box[None], chosen).max() < SAME_PLACE:
@@ -51,7 +51,7 @@ def _one_each(boxes: Boxes) -> Boxes:
 
 
 def without_things(frames: list[Boxes]) -> list[Boxes]:
-    """Without boxes of what stands in the same place all the time."""
+    """Drops boxes of things that stand in the same place all the time."""
     looked_at = frames[::THING_STEP]
     candidates = np.concatenate(looked_at)
     shares = np.zeros(len(candidates))

@@ -32,7 +32,7 @@ def encode(boxes: Boxes) -> bytes:
 
 
 def decode_boxes(reply: bytes) -> Boxes:
-    """What `encode` made."""
+    """Reads the bytes that `encode` made."""
     return np.array(json.loads(reply), np.float64).reshape(-1, 5)
 
 

@@ -30,7 +30,7 @@ NO_BOXES = np.zeros((0, 5))
 
 @dataclass(frozen=True)
 class Scores:
-    """What an approach came to from one start; shares in percent, times in ms."""
+    """The outcome of an approach from one start; shares in percent, times in ms."""
 
     ap50: float
     ap: float
@@ -101,7 +101,7 @@ class Scorer:
         return stream, moved
 
     def _matches(self, boxes: tuple[str, int] | None, frame: int) -> BoxMatches:
-        """What of a source's boxes of one frame is right in another."""
+        """Says which of a source's boxes of one frame are right in another."""
         if boxes is None:
             return match(NO_BOXES, self._kept.reference[frame])
         source, of = boxes

@@ -1,4 +1,4 @@
-"""What the README says of the example, held against the kept detections; and the metrics, by hand."""
+"""Compares the README of the example with the kept detections, and tests the metrics by hand."""
 
 from __future__ import annotations
 

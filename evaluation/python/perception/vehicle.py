@@ -53,7 +53,7 @@ def start_servers(models: Path, start: int) -> dict[str, subprocess.Popen[str]]:
 
 
 def url_of(cloud: str, server: subprocess.Popen[str]) -> str:
-    """What a server prints first."""
+    """Returns the first line that a server prints."""
     assert server.stdout is not None
     if not (line := server.stdout.readline().strip()):
         raise OSError(f"the server of {cloud} ended before it listened")
@@ -112,7 +112,7 @@ class LiveRun:
             yield jpeg
 
     def played(self) -> tuple[KeptDetections, Playthrough]:
-        """What was sent, as table.py scores it."""
+        """Returns what was sent, as table.py scores it."""
         found: dict[str, list[Boxes]] = {it: [NO_BOXES] * len(self._files) for it in SOURCES}
         outputs = []
         for item in self.items:

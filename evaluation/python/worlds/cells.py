@@ -31,7 +31,7 @@ class Cell(NamedTuple):
 
 
 def paper(cell: Cell) -> bool:
-    """Whether it collides in the paper."""
+    """Returns whether it collides in the paper."""
     collides = PAPER["collides"][str(cell.speed)][cell.approach]
     return bool(collides[PAPER["cloud_response_s"].index(cell.response)])
 

@@ -82,7 +82,7 @@ class Neighbours:
         self._reports: list[tuple[float, Pose | None]] = []
 
     def must_brake(self, world: World, ego: Pose) -> bool:
-        """Whether what came by now makes ego brake."""
+        """Returns whether the reports so far make ego brake."""
         now = world.now
         if now >= len(self._reports) * self.EVERY:
             self._reports.append((now, self._scene.shared(world)))
@@ -97,11 +97,11 @@ class Neighbours:
 
 @dataclass(frozen=True)
 class Result:
-    """How a drive ended."""
+    """The end of a drive."""
 
     #: Ego's speed where SUMO saw it collide, in m/s; None: it did not.
     impact: float | None
-    #: When it decided to brake, in s; None: never.
+    #: The instant at which it decided to brake, in s; None: never.
     decided: float | None
     #: From the front to the hazard when it stood or ended, in m; None: not in view.
     left: float | None
@@ -189,6 +189,6 @@ def _response(network: Network | float, at: float) -> int | None:
 
 
 def _round_trip(network: Network | float, at: float) -> int | None:
-    """The same for what nobody computes."""
+    """Returns the round trip of a message that nobody computes."""
     response = _response(network, at)
     return None if response is None else max(0, response - nanos(CLOUD))

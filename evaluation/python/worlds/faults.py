@@ -1,4 +1,4 @@
-"""Whether the checks of this folder can fail: each fault is put into a copy of it, and its check must then fail.
+"""Checks that the checks of this folder can fail: each fault is put into a copy, and its check must then fail.
 
 Prints a line for each. Exit code 1: a check passed in spite of its fault.
 """
@@ -36,7 +36,7 @@ FAULTS = (
 
 
 def is_noticed(fault: SeededFault) -> bool:
-    """Whether the check fails with the fault."""
+    """Returns whether the check fails with the fault."""
     with tempfile.TemporaryDirectory(prefix="fuseline-worlds-") as folder:
         root = Path(folder)
         copy = root / "evaluation/python/worlds"

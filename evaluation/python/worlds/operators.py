@@ -21,7 +21,7 @@ FOREVER = 3600.0
 
 @dataclass(frozen=True, order=True)
 class Output:
-    """What leaves an operator for one frame."""
+    """An output of an operator for one frame."""
 
     at: int
     t: int
@@ -40,7 +40,7 @@ class VirtualOperator(Protocol):
 
 
 class Race:
-    """Without a machine: local alone, the cloud alone, or whichever is first."""
+    """Works without a machine: local alone, the cloud alone, or whichever is first."""
 
     def __init__(self, choose: Callable[[int, int | None], tuple[int, int] | None]) -> None:
         self._choose, self._outputs, self._t = choose, list[Output](), 0
@@ -96,7 +96,7 @@ class Fused:
         return taken
 
     def trace(self) -> bytes:
-        """What was recorded: the inputs and the machine's decisions."""
+        """Returns the record: the inputs and the machine's decisions."""
         return self._machine.take_trace()
 
     def _pass(self, now: int) -> None:

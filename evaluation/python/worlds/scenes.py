@@ -36,25 +36,25 @@ class Scene(Protocol):
         """Puts all vehicles into the world."""
 
     def move(self, world: World) -> None:
-        """What others do by themselves, once a step."""
+        """Moves the others, once a step."""
 
     def distance(self, world: World, ego: Pose) -> float | None:
-        """How far away the hazard is, if the camera has it in view."""
+        """Returns the distance of the hazard, if the camera has it in view."""
 
     def reveal(self, world: World, ego: Pose) -> float | None:
         """The distance to the nearest place from which something may come into sight."""
 
     def shared(self, world: World) -> Pose | None:
-        """What the hazard shares of itself, if it is a vehicle that does."""
+        """Returns what the hazard shares of itself, if it is a vehicle that does."""
 
     def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
-        """Whether ego brakes for what a vehicle shared so long ago, if it went on."""
+        """Returns whether ego brakes for what a vehicle shared so long ago, if it went on."""
 
     def is_over(self, world: World, ego: Pose) -> bool:
-        """Whether ego is past it."""
+        """Returns whether ego is past it."""
 
     def is_still(self, world: World) -> bool:
-        """Whether a car that stands is safe from now on."""
+        """Returns whether a car that stands is safe from now on."""
 
 
 def _in_view(world: World, ego: Pose, between: tuple[str, ...]) -> float | None:
@@ -123,7 +123,7 @@ class Jam:
         return max(0.0, lead.front[0] - ego.front[0])
 
     def shared(self, world: World) -> Pose | None:
-        """What stands there shares nothing."""
+        """Returns None: an obstacle that stands there shares nothing."""
         return None
 
     def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
@@ -149,7 +149,7 @@ class Meeting:
     speed: float
     kind: str
     crossing_speed: float
-    #: How much later it is at the middle of the crossing than ego would be, in s.
+    #: The seconds by which it is later at the middle of the crossing than ego would be.
     delay: float
     #: The corner of the building: how far from the middle of ego's lane and of the other's.
     corner: Point

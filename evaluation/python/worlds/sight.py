@@ -1,4 +1,4 @@
-"""What a camera sees: by range, angle, and what stands between."""
+"""Computes what a camera sees: by range, angle, and what stands between."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BEHIND, HALF_ANGLE = 1.8, math.radians(60.0)
 def sees(
     front: Point, heading: float, target: Sequence[Point], hidden_by: Iterable[Sequence[Point]]
 ) -> float | None:
-    """How far something with these corners is from a vehicle's front, in metres; None if its camera does not see it.
+    """Returns how far something with these corners is from a vehicle's front, in metres; None if the camera does not see it.
 
     It is seen if its two nearest corners and their middle are within the camera's angle, and no polygon is between.
     """
@@ -33,7 +33,7 @@ def sees(
 
 
 def _crosses(start: Point, end: Point, polygon: Sequence[Point]) -> bool:
-    """Whether a segment crosses an edge of a polygon."""
+    """Returns whether a segment crosses an edge of a polygon."""
     corners = list(polygon)
     return any(
         _cross(start, end, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)

@@ -1,4 +1,4 @@
-"""What the figures of the book's chapter on scenarios say, held against the software that they are of."""
+"""Compares the figures of the book's chapter on scenarios with the software that made them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class SwerveInSumo(unittest.TestCase):
 
 
 class Sharing(unittest.TestCase):
-    """When a shared location makes ego brake."""
+    """Returns when a shared location makes ego brake."""
 
     def test_a_runner_is_one_that_cannot_stop_and_meets_ego_soon(self) -> None:
         scene = Meeting(12.0, "car", 14.0, 0.0, (8.0, 6.0))

@@ -30,7 +30,7 @@ _BLIND = 0
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a vehicle is: its front, in metres; its heading, in radians, 0 along x."""
+    """The place of a vehicle: its front, in metres; its heading, in radians, 0 along x."""
 
     front: tuple[float, float]
     heading: float
@@ -39,7 +39,7 @@ class Pose:
     width: float
 
     def touches(self, other: Pose) -> bool:
-        """Whether both rectangles have a point in common."""
+        """Returns whether both rectangles have a point in common."""
         ours, theirs = self.corners(), other.corners()
         for heading in (self.heading, other.heading):
             for x, y in (
@@ -151,7 +151,7 @@ class World:
         libsumo.polygon.add(name, list(corners), (90, 90, 90, 255), fill=True)
 
     def polygons(self) -> list[list[tuple[float, float]]]:
-        """What hides, as SUMO has it."""
+        """Returns the outlines of the obstacles that hide, as SUMO has them."""
         return [list(libsumo.polygon.getShape(name)) for name in libsumo.polygon.getIDList()]
 
     def brake(self, name: str, deceleration: float) -> None:
@@ -183,7 +183,7 @@ class World:
         return tuple(libsumo.vehicle.getIDList())
 
     def pose(self, name: str) -> Pose:
-        """Where a vehicle is."""
+        """Returns the place of a vehicle."""
         vehicle = libsumo.vehicle
         # SUMO's angles are degrees, clockwise from north.
         heading = math.radians(90.0 - vehicle.getAngle(name))

@@ -15,7 +15,7 @@ MS = 1_000_000
 
 
 class Facts:
-    """What happened, each fact with the instant of CLOCK_MONOTONIC, which all processes share."""
+    """Records facts, each with an instant of CLOCK_MONOTONIC, which all processes share."""
 
     def __init__(self, folder: str, who: str) -> None:
         self._file = (Path(folder) / f"{who}.facts").open("a", buffering=1)
@@ -28,19 +28,19 @@ class Facts:
 
 
 class Scenario:
-    """How long each reply takes, and what else happens to the operator; times are milliseconds."""
+    """States how long each reply takes, and what else happens to the operator; times are milliseconds."""
 
     def __init__(self, text: str) -> None:
         self.text = text
         fields = json.loads(text)
-        #: Of each message a delay, None for a reply that never comes, "fail" for one that fails.
+        #: For each message a delay, None for a reply that never comes, "fail" for one that fails.
         self.delays: list[Any] = fields["delays"]
         self.period: float = fields.get("period", 60)
         self.deadline: int = int(fields.get("deadline", 100) * MS)
         #: The message at which the server is killed (9) or stopped (19).
         self.kill_at: int | None = fields.get("kill_at")
         self.signal: int = fields.get("signal", 9)
-        #: What one harness alone knows.
+        #: Settings of one harness alone.
         self.repeats: bool = fields.get("repeats", False)
         self.chunk: int = fields.get("chunk", 1)
         self.bus: float = fields.get("bus", 0)

@@ -22,7 +22,7 @@ record = Facts(folder, f"server-{time.monotonic_ns()}")
 
 
 def delay(t: int, attempt: int = 0) -> Any:
-    """Of a message's attempt: seconds, None for never, "fail"."""
+    """Returns the delay of a message's attempt: seconds, None for never, "fail"."""
     t = t % len(scenario.delays) if scenario.repeats else t
     planned = scenario.delays[t] if 0 <= t < len(scenario.delays) else 1
     if isinstance(planned, list):

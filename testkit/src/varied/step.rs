@@ -147,7 +147,7 @@ impl RunWriter<'_> {
         let requested = self.context.requested().iter().copied();
         let mut dues: Vec<u64> = requested.filter_map(|(t, p)| self.context.due(t, p)).collect();
         let now = self.now();
-        // What is due at the end of time would end the run.
+        // A timer that is due at the end of time would end the run.
         let end = if self.is_long || !self.draw.one_in(20) { u64::MAX - 1 } else { u64::MAX };
         dues.retain(|due| *due <= end && due.saturating_sub(now) < 1 << 62);
         dues.sort_unstable();

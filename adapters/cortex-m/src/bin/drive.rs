@@ -55,7 +55,7 @@ fn apply_line(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText
     fired.ok()?;
     let t = Timestamp::new(line.t.unwrap_or_default());
     let number = line.p.unwrap_or_default();
-    // What does not fit 16 bits cannot be registered (A18).
+    // A priority that does not fit 16 bits cannot be registered (A18).
     let p = u16::try_from(number).ok().map(Priority::new);
     let unknown = Outcome::Dropped(DropReason::Unknown);
     let written = match line.ev? {

@@ -45,16 +45,16 @@ FIRST_TICK, TICK = 1, 50
 
 @dataclass
 class Drive:
-    """What came of a drive."""
+    """The outcome of a drive."""
 
-    #: How often control was due, and its outputs.
+    #: The number of times that control was due, and its outputs.
     ticks: int = 0
     commands: list[Command] = field(default_factory=list)
-    #: How many items each source of detection has.
+    #: The number of items of each source of detection.
     detected_by: Counter[str] = field(default_factory=Counter)
-    #: How many items of the operators before control are substitutes.
+    #: The number of items of the operators before control that are substitutes.
     substitutes: int = 0
-    #: Of one frame: the operator, its age when it was taken in and answered, and by whom.
+    #: For one frame: the operator, its age when it was opened and answered, and the source.
     life: list[tuple[str, float, float, str]] = field(default_factory=list)
 
 
@@ -83,7 +83,7 @@ class Drivers:
                 places.write(seq, Lineage("localization", seq, self._loop.time_ns()))
 
     async def tick(self, ticks: JoinInput[int]) -> int:
-        """How many ticks there were. Each has to be answered before the next one."""
+        """Returns the number of ticks. Each has to be answered before the next one."""
         tick_count = 0
         async for seq in self._at((FIRST_TICK + TICK * it) / 1000 for it in count()):
             ticks.write(seq, Lineage("control", seq, self._loop.time_ns(), within=0.04))
@@ -183,7 +183,7 @@ async def newest(items: Items[Item[Scene]]) -> AsyncIterator[Item[Scene]]:
 async def watch(
     vehicle: Vehicle, name: str, items: Items[Item[Any]], frame: int, driven: Drive
 ) -> None:
-    """How many items each source has, and how this operator answered the frame."""
+    """Counts the items of each source, and notes how this operator answered the frame."""
     async for item in items:
         if item.ending is Ending.FINAL:
             continue  # it was sent before
@@ -195,7 +195,7 @@ async def watch(
 
 
 def note(vehicle: Vehicle, name: str, item: Item[Any], frame: int, by: str, driven: Drive) -> None:
-    """How this operator answered the frame, if the item is of that."""
+    """Notes how this operator answered the frame, if the item belongs to it."""
     lineage = item.lineage
     if lineage is None or lineage.seq != frame or not str(lineage.origin).endswith("-camera"):
         return

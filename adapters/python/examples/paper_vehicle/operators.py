@@ -18,7 +18,7 @@ from world import Kill, Network, elapsed_ms
 
 #: A safe stop.
 STOP = "stop"
-#: Which results of detection are used, and when: the commit rule and the clouds of detection.
+#: The results of detection that each rule uses: its commit rule and the clouds of detection.
 #: Under ``first response`` the detectors race; the other operators are eager.
 RULES: dict[str, tuple[Commit, tuple[str, ...]]] = {
     "on board": (Commit.EAGER, ()),
@@ -32,10 +32,10 @@ RULES: dict[str, tuple[Commit, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Frame:
-    """What a camera captured."""
+    """A frame that a camera captured."""
 
     number: int
-    #: Whether somebody walks towards the road.
+    #: True if somebody walks towards the road.
     walker: bool
 
 
@@ -51,7 +51,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What may happen: trajectories, each with its probability, the likeliest first."""
+    """Possible trajectories, each with its probability, the likeliest first."""
 
     scene: Scene
     trajectories: tuple[tuple[str, float], ...] = (
@@ -63,17 +63,17 @@ class Prediction:
 
 @dataclass
 class Vehicle:
-    """What all operators have in common."""
+    """The state that all operators share."""
 
     loop: VirtualLoop
     #: One of `RULES`.
     rule: str
     recording: Recording
     kill: Kill
-    #: Those of the detectors ``west`` and ``east``, and the tracker's, ``near``.
+    #: The networks of the detectors ``west`` and ``east``, and the tracker's, ``near``.
     networks: dict[str, Network]
     traces: Path | None
-    #: When the drive began, by the loop's clock.
+    #: The instant at which the drive began, by the loop's clock.
     start: float
     operators: list[Operator[Any, Any]] = field(default_factory=list)
 

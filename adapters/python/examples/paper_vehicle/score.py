@@ -24,12 +24,12 @@ MIDDLE = 384.0
 
 @dataclass(frozen=True)
 class Seen:
-    """Whose boxes these are: what a message has instead of the boxes themselves."""
+    """Names the boxes that a message stands for, in place of the boxes themselves."""
 
     frame: int
     #: ``local``, ``west`` or ``east``.
     by: str
-    #: Which cameras' frames were there.
+    #: The cameras whose frames were there.
     left: bool
     right: bool
 
@@ -42,7 +42,7 @@ class Command:
     tick: int
     #: Seconds since the tick.
     latency: float
-    #: What is behind the plan; none is a safe stop.
+    #: The boxes behind the plan; none is a safe stop.
     seen: Seen | None
 
 
@@ -58,7 +58,7 @@ class Figures:
 
 
 def captured(frame: int) -> int:
-    """When a frame is captured, in ms since the first one: 7 a second, as they were filmed."""
+    """Returns when a frame is captured, in ms since the first one: 7 a second, as filmed."""
     return frame * 500 // 7 * 2
 
 
@@ -73,7 +73,7 @@ class Recording:
         return len(self._kept)
 
     def runtime(self, by: str, frame: int) -> float:
-        """How long a detector computes for a frame, in seconds."""
+        """Returns how long a detector computes for a frame, in seconds."""
         return in_steps(self._kept.seconds[by][frame] * 1000.0)
 
     def newest(self, since: int) -> int:

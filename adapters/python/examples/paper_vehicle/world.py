@@ -1,4 +1,4 @@
-"""What the vehicle is emulated with: parts that can die, and recorded networks."""
+"""The emulated world of the vehicle: parts that can die, and recorded networks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 DATA = Path(__file__).parents[4] / "testkit/data"
-#: What can be killed while the vehicle drives.
+#: The parts that can be killed while the vehicle drives.
 PARTS = (
     "left-camera",
     "right-camera",
@@ -34,7 +34,7 @@ def elapsed_ms(start: float) -> int:
 
 @dataclass(frozen=True)
 class Kill:
-    """Which part dies, and when. A dead sensor sends nothing; a dead source never answers."""
+    """Kills a part at an instant. A dead sensor sends nothing; a dead source never answers."""
 
     part: str | None
     start: float
@@ -42,7 +42,7 @@ class Kill:
     after: int
 
     def hits(self, part: str) -> bool:
-        """Whether this part is dead by now."""
+        """Returns whether this part is dead by now."""
         return self.part == part and self.after <= elapsed_ms(self.start)
 
     async def compute(self, part: str, seconds: float, result: T) -> T:
@@ -91,6 +91,6 @@ class Network:
 
 
 def _seconds(field: str) -> float | None:
-    """Of milliseconds; what is infinite or below 0 is no round trip."""
+    """Reads milliseconds; an infinite or negative number is no round trip."""
     ms = float(field)
     return in_steps(ms) if 0 <= ms < float("inf") else None

@@ -66,7 +66,7 @@ fn reported_lines(
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
     let mut first = reporter.period(tally.clone(), intake, &sources, &ends, None);
-    // What happened once is reported once.
+    // An event that happened once is reported once.
     let mut next = reporter.period(tally, intake, &sources, &ends, None);
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));

@@ -1,4 +1,4 @@
-"""What a test works on: it starts the processes, ends them, and has every trace judged."""
+"""The bench of a test: it starts the processes, ends them, and has every trace judged."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What breaks between the node and a cloud behind gRPC, for real: processes, packets, names, certificates, clocks; and disks."""
+"""Breaks what is between the node and a cloud behind gRPC: processes, packets, names, certificates, clocks; and disks."""
 
 import os
 import random
@@ -30,18 +30,18 @@ add chain inet chaos arrives { type filter hook input priority 0; }
 
 
 def packets(verdict):
-    """What happens to packets to and from the cloud."""
+    """Returns two steps: apply a verdict to packets to and from the cloud, and lift it."""
     rules = [f"add rule inet chaos arrives tcp {way} {PORT} {verdict}" for way in ("dport", "sport")]
     return lambda field: firewall("\n".join(rules)), lambda field: firewall("flush chain inet chaos arrives")
 
 
 def plan(plan):
-    """How long the cloud takes."""
+    """Returns two steps: change how long the cloud takes, and restore it."""
     return lambda field: field.asks(plan + PADDING), lambda field: field.asks(USUAL)
 
 
 def wall_clock(seconds):
-    """How far off the node's wall clock is, and the node says so."""
+    """Returns two steps: move the node's wall clock, and move it back. The node must report both."""
     return (lambda field: stands_off(field.listener, field.node, seconds),
             lambda field: stands_off(field.listener, field.node, 0))
 
@@ -113,7 +113,7 @@ class Field:
         self.stream.plan = plan
 
     def sources(self, since):
-        """Whose results came, from this status on."""
+        """Returns the sources of the results that came, from this status on."""
         return [heard.message["source"] for heard in list(self.listener.status.heard)[since:]]
 
     def breaks(self, harm):

@@ -1,4 +1,4 @@
-"""What goes wrong around the node, and that it goes on."""
+"""Breaks things around the node, which must go on."""
 
 import os
 import signal
@@ -44,7 +44,7 @@ def a_killed_cloud_is_replaced_by_local_and_taken_again_when_it_returns(bench):
     stream = Stream(camera, "local=0.02 west=0.05")
 
     def has(source, rule, count=5):
-        """Whether the last statuses are of this source by this rule."""
+        """Returns whether the last statuses are of this source by this rule."""
         last = [heard.message for heard in list(listener.status.heard)[-count:]]
         return all((status["source"], status["rule"]) == (source, rule) for status in last)
 

@@ -1,4 +1,4 @@
-"""Which result leaves, and when."""
+"""Tests which result leaves, and when."""
 
 import json
 import time
@@ -187,7 +187,7 @@ def a_published_deadline_counts_from_the_next_input_on(bench):
     deadline.until_matched()
 
     def holds(seconds):
-        """Whether local's result leaves after this deadline and before the first one."""
+        """Returns whether local's result leaves after this deadline and before the first one."""
         stamp, _ = camera.ask("local=0")
         (status,) = until(lambda: listener.status_of(stamp), "a status")
         return seconds <= float(status["decided_s"]) < 2.0

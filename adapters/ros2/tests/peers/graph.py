@@ -114,7 +114,7 @@ class Subscription:
 
 
 class Receiver:
-    """What comes on a topic over DDS: `hear` gets each message."""
+    """Subscribes to a topic over DDS: `hear` gets each message."""
 
     def __init__(self, topic, kind, qos, hear):
         self.hear = hear
@@ -140,7 +140,7 @@ class Receiver:
 
 @functools.cache
 def participant():
-    """The one participant of this process, as processes of ROS 2 have one."""
+    """Returns the only participant of this process. Processes of ROS 2 have one each."""
     return DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
 
 

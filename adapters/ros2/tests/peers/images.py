@@ -36,7 +36,7 @@ class ImageCamera(Camera):
 
 
 def lost_datagrams():
-    """What this network lost so far: images come in bursts, and buffers are what the system allows."""
+    """Returns what this network lost so far: images come in bursts, and the system limits buffers."""
     with open("/proc/net/snmp") as snmp:
         names, values = (line.split() for line in snmp if line.startswith("Udp:"))
     return int(values[names.index("RcvbufErrors")])

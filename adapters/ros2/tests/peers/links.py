@@ -31,7 +31,7 @@ def over_zenoh_alone():
 
 
 def sources(listener, count=20):
-    """Whose results the last ones were."""
+    """Returns the sources of the last results."""
     return [heard.message["source"] for heard in list(listener.status.heard)[-count:]]
 
 
@@ -140,7 +140,7 @@ def a_robot_over_dds_has_a_cloud_over_zenoh(bench):
 
 
 def _certificates(bench):
-    """Those of the router and of who connects to it: files by name, as JSON has them."""
+    """Returns the certificates of the router and of its clients: files by name, as JSON has them."""
     ca = Ca(bench.folder)
     for who in ("router", "robot", "west", "other"):
         ca.signs(who, "localhost")
@@ -173,7 +173,7 @@ def who_has_no_certificate_is_not_let_in(bench):
 
 
 def _with_certificate(file, who):
-    """What the environment says to whom a certificate is given."""
+    """Returns the environment of a process that gets a certificate."""
     tls = "transport/link/tls/"
     parts = {"connect/endpoints": '["tls/localhost:7447"]', f"{tls}root_ca_certificate": file("ca.pem"),
              f"{tls}connect_certificate": file(f"{who}.pem"), f"{tls}connect_private_key": file(f"{who}.key"),

@@ -394,7 +394,7 @@ def serialized(message, big=False):
 
 
 def carries(payload, message):
-    """Whether a payload is this message and nothing else, but for the padding to four bytes that DDS may add."""
+    """Returns whether a payload is exactly this message, apart from the padding to four bytes that DDS may add."""
     sent = message.serialize()
     padding = payload[len(sent):]
     return payload[:2] == sent[:2] and payload[4:len(sent)] == sent[4:] and len(padding) < 4 and not any(padding)

@@ -1,4 +1,4 @@
-"""What people do to a node that runs. Each is reported, or the node goes on; `docs/safety/make` lists those that say so."""
+"""Misuses a node that runs. It reports each misuse, or goes on; `docs/safety/make` lists the tests that say so."""
 
 import signal
 import time

@@ -22,7 +22,7 @@ def yaml(value, indent=""):
 
 
 def parameters(clouds=(), **others):
-    """What most tests want: stamped points both ways, a second to answer, diagnostics five times a second."""
+    """Returns the settings of most tests: stamped points both ways, a second to answer, diagnostics five times a second."""
     middleware = {"middleware": os.environ["MIDDLEWARE"]} if "MIDDLEWARE" in os.environ else {}
     usual = middleware | {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64},
              "clouds": list(clouds), "diagnostics": {"period": 0.2}, "localhost_only": True}
@@ -66,7 +66,7 @@ class Node:
         return [(int(field[37]), int(field[38])) for field in fields if field[38] != "0"]
 
     def locked_kib(self):
-        """How much of its memory is locked."""
+        """Returns how much of its memory is locked."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()
         return int(status.partition("VmLck:")[2].split()[0])
 

@@ -34,7 +34,7 @@ def quality(reliable=True, depth=1000, transient=False):
 
 
 def session():
-    """The one session of this process, as processes of ROS 2 have one. Types are not registered in it: their bytes pass."""
+    """Returns the only session of this process. Types are not registered in it: their bytes pass."""
     with _one_at_a_time:
         manager = ZenohSession.get_instance()
         manager.register_message_type = lambda *_: None
@@ -50,7 +50,7 @@ def as_in_lyrical():
 
 
 class Peers:
-    """Who is at the other end of a topic, by their tokens: those with the same type."""
+    """Finds the other ends of a topic, by their tokens: those with the same type."""
 
     def __init__(self, kind, end):
         self.there, end_of = set(), f"/{end.dds_type_name}/{end.type_hash}/"
@@ -66,7 +66,7 @@ class Peers:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a token names."""
+    """Returns what a token names."""
 
     kind: str
     namespace: str
@@ -75,7 +75,7 @@ class Seen:
 
 
 def seen():
-    """What ROS's tools see: a function that returns all that is there now."""
+    """Watches what ROS's tools see. Returns a function that returns all that is there now."""
     tokens = set()
 
     def reported(sample):
@@ -128,7 +128,7 @@ class Received(ROS2Subscriber):
 
 
 class Receiver:
-    """What comes on a topic, read as `kind`: `hear` gets each message."""
+    """Subscribes to a topic, read as `kind`: `hear` gets each message."""
 
     def __init__(self, topic, kind, qos, hear):
         session()

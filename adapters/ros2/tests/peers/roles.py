@@ -1,4 +1,4 @@
-"""Who takes part: a camera, the models that answer it, and the one who listens to what comes out."""
+"""The peers of a test: a camera, the models that answer it, and a listener on the output."""
 
 import heapq
 import threading

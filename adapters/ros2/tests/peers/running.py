@@ -1,4 +1,4 @@
-"""How the node starts and ends, and that it is one of several."""
+"""Tests how the node starts and ends, and that several nodes run side by side."""
 
 import signal
 import time

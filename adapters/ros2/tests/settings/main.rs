@@ -477,7 +477,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
         "use_sim_time",
     ];
     assert_eq!(dynamic, expected);
-    // What is declared can be set to what it is.
+    // A declared parameter can be set to its own value.
     for parameter in all.declared.iter().filter(|parameter| parameter.at_run_time) {
         assert!(all.check_change(&parameter.name, &parameter.value).is_ok(), "{}", parameter.name);
     }

@@ -377,7 +377,7 @@ impl Pipeline {
 /// many it answers on board alone.
 pub(crate) async fn lost(seed: u64, breach: Breach) -> (Vec<String>, usize) {
     let pipeline = Pipeline::draw(seed);
-    // What is stated without clouds is right: a breach is of the pipeline with clouds.
+    // The latencies stated without clouds are right: a breach concerns the pipeline with clouds.
     let alone = match breach {
         Breach::OneReserve => Breach::None,
         other => other,

@@ -227,7 +227,7 @@ impl DrawnGraph {
     }
 
     fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
-        // Of the other operators of the branch, and of a join's.
+        // The reserve for the branch's other operators, and for a join's.
         let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
         let mut items =
             Stage::draw(&mut self.rng, reserve(0), &self.link, &self.wrong).start(reader);

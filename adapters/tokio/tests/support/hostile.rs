@@ -108,7 +108,7 @@ impl Raw {
         while !bytes.is_empty() {
             let (mut coming, mut going) = self.stream.as_mut().unwrap().split();
             let mut logged = [0; 4096];
-            // What the server says must be read, or it would wait for us.
+            // Somebody must read what the server says, or it would wait for us.
             tokio::select! {
                 sent = going.write(bytes) => match sent {
                     Ok(sent) => bytes = &bytes[sent..],

@@ -29,7 +29,7 @@ impl Cloud {
                 let socket = TcpSocket::new_v4().unwrap();
                 socket.set_reuseaddr(true).unwrap();
                 socket.bind(address).unwrap();
-                // Who finds the queue full tries again after a second.
+                // A client that finds the queue full tries again after a second.
                 let listener = socket.listen(4096).unwrap();
                 sender.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {

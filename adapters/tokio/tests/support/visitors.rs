@@ -226,7 +226,7 @@ async fn recovered(
     let blamed = (0..WELL_BEHAVED).map(|number| here.address(0, number));
     let blamed = blamed.filter(|from| {
         let peer = format!("peer={}", std::net::SocketAddr::from((*from, 4711)));
-        // Of these calls: the byte too many above.
+        // Two lines may come from the call above with a byte too many.
         let lines = log.text().lines().filter(|line| line.contains(&peer)).count();
         lines > 2 * usize::from(*from == here.address(0, 0))
     });

@@ -125,7 +125,7 @@ fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
         0 => {}
         1 => {
             plan.compute = bounds.idle + Duration::from_secs(rng.u64(1..600));
-            // What is no deadline, or a very long one, ends nothing.
+            // A header that is no deadline, or a very long one, ends nothing.
             plan.timeout = NO_DEADLINES[rng.index(NO_DEADLINES.len())].map(str::to_owned);
             end.took = plan.compute;
         }

@@ -205,13 +205,13 @@ mod tests {
         let (failed, never) = (|millis| ArrivalTime::Failed(ms(millis)), ArrivalTime::Never);
         for (arrivals, expected) in [
             ([at(300), at(150), at(100)], Some((1, 150))),
-            // What is there waits for what is better, until the due instant, which is late itself.
+            // An available result waits for a better one until the due instant, which is late itself.
             ([at(300), at(500), at(100)], Some((2, 500))),
             ([at(300), at(499), at(100)], Some((1, 499))),
             ([at(300), at(600), at(100)], Some((2, 500))),
             ([at(300), never, never], Some((0, 500))),
             ([at(700), never, at(600)], Some((0, 700))),
-            // What failed, or was not requested, is not waited for.
+            // A source that failed, or got no request, is not waited for.
             ([at(300), failed(40), at(100)], Some((2, 100))),
             ([at(300), failed(0), failed(0)], Some((0, 300))),
             ([at(300), failed(350), failed(320)], Some((0, 350))),

@@ -122,7 +122,7 @@ fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
     let open = score(&ComparedPolicy::CloudOnly(2), &ended(499));
     assert!(between(open.ap, 0.0, 52.0), "{open:?}");
     assert_eq!(open.in_time, BoundedFigure { at_least: 0, at_most: 1 });
-    // Who is first is known while the unknown one is later.
+    // It is known which source is first if the unknown one is later.
     assert!(close(score(&ComparedPolicy::FirstWins, &ended(150)).ap, 44.0));
     let open = score(&ComparedPolicy::FirstWins, &ended(149));
     assert!(between(open.ap, 44.0, 52.0), "{open:?}");

@@ -86,7 +86,7 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
     assert_eq!(fates(&page_trace, 7), [("late", 1)]);
     assert_eq!(fates(&page_trace, 3), [("forwarded", 1)]);
     assert_eq!(fates(&page_trace, 0), [("discarded", 1)]);
-    // What came after the end was seen all the same.
+    // A result that came after the end was seen all the same.
     assert_eq!(
         page_trace.messages(|_, _, _| None)[0].arrivals,
         [at(300), at(900), at(100), UNASKED]

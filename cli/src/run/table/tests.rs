@@ -215,7 +215,7 @@ fn outages_of_a_second_and_more_are_named_up_to_four_of_a_cloud() {
     assert_eq!(spans(&all[..4]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s");
     assert_eq!(spans(&all[..5]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s and later");
     let west = ["--drive", "west=cicv5g/rural_n8_v0", "--start", "west=12s", "--for", "17s"];
-    // One that is out of reach is named, and nothing that they have in common.
+    // A cloud that is out of reach is named, and nothing that they have in common.
     assert_eq!(outages(&plan(&west)), "These drives leave no reply in time: east 14.0–17.0 s.\n");
     assert_eq!(outages(&plan(&[&west[..5], &["9s"]].concat())), "");
     let alone = "name=a,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150s";

@@ -59,7 +59,7 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
         for kind in kinds {
             *sum.kinds.entry(kind).or_default() += 1;
         }
-        // What hangs goes on in its thread.
+        // A run that hangs goes on in its thread.
         if sum.broken.has(ENDS) {
             break;
         }

@@ -46,7 +46,7 @@ impl KernelTimer {
     pub(super) fn poll(&self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         loop {
             let mut guard = ready!(self.0.poll_read_ready(context))?;
-            // How often it went off, which is once.
+            // The number of times that it went off, which is 1.
             let read = guard.try_io(|timer| Ok(read(timer.get_ref(), &mut [0_u8; 8])?));
             if let Ok(read) = read {
                 return Poll::Ready(read.map(|_| ()));

@@ -62,7 +62,7 @@ fn main() {
     let _node = node.run_async();
     std::thread::sleep(Duration::from_secs(3)); // nothing says when the node is ready
 
-    // What comes when: local at once, and the cloud unless its delay is null.
+    // The arrivals in order: local at once, and the cloud unless its delay is null.
     let period = harness.time("period", 60).as_millis() as u64;
     let mut arrivals = Vec::new();
     for (t, delay) in harness.delays().iter().enumerate() {

@@ -55,7 +55,7 @@ fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
     // The manager has activated it by then.
     let mut at = Duration::from_millis(1);
     let mut inputs: Vec<Input> = Vec::new();
-    // How often what this peer is sent, or sends, gets lost, in percent.
+    // The share of messages to or from this peer that gets lost, in percent.
     let losses: Vec<u8> = (0..peers).map(|_| rng.one_of(&[0, 0, 5, 20, 60, 100])).collect();
     for number in 0..count {
         at += Duration::from_micros(match rng.u8(0..8) {
