@@ -65,7 +65,7 @@ pub(crate) struct Args {
     /// The policy that chooses the deadline.
     #[arg(long, default_value = "guard")]
     policy: PolicyArgument,
-    /// A file of how the cloud's calls ended; - is standard input.
+    /// A file with the ends of the cloud's calls; - is standard input.
     #[arg(long, value_name = "FILE")]
     calls: Option<PathBuf>,
     /// The deceleration of full braking, in m/s².

@@ -65,7 +65,7 @@ Exit codes:
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 
 /// Runs an operator that sends the best result available by each message's deadline, replays its
-/// inputs, and judges its trace or another implementation. Without a command it does `fuseline run`.
+/// inputs, and judges its trace or another implementation. Without a command it runs `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]

@@ -35,7 +35,7 @@ struct EmptyPartError {
 }
 
 impl PartOptions {
-    /// All of it.
+    /// Selects all messages of the trace.
     pub(crate) const fn all() -> Self {
         Self { from: None, to: None, timestamps: None }
     }

@@ -44,9 +44,9 @@ pub struct Args {
 enum ScenarioCommand {
     /// Stop behind a standing motorcycle: the paper's table of 90 cells.
     TrafficJam(traffic_jam::Args),
-    /// A car runs a red light, hidden until it is late; vehicles may share where they are.
+    /// A car runs a red light and is hidden until late; vehicles may share their locations.
     RedLight(red_light::Args),
-    /// A person steps onto the road; a plan for that may be at hand.
+    /// A person steps onto the road; a plan may be ready for that.
     Jaywalking(jaywalking::Args),
     /// The vehicle of the traffic jam over recorded networks, policies side by side.
     Networks(networks::Args),

@@ -50,7 +50,7 @@ pub(crate) struct Args {
     /// The number of generated runs after the corpus.
     #[arg(long, value_name = "N")]
     pub(super) cases: Option<u64>,
-    /// For how long generated runs are begun, such as 30s or 5m.
+    /// The time for which generated runs are begun, such as 30s or 5m.
     #[arg(long = "for", id = "budget", value_name = "TIME", value_parser = budget)]
     budget: Option<Duration>,
     /// The seed of the generated runs.

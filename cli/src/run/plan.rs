@@ -102,7 +102,7 @@ pub(crate) struct Args {
     /// Another drive for a cloud; repeatable.
     #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
     drives: Vec<NamedValue<String>>,
-    /// The instant at which a cloud's drive begins; repeatable.
+    /// The time of the drive at which a cloud begins; repeatable.
     #[arg(long = "start", value_name = "CLOUD=TIME")]
     starts: Vec<NamedValue<Duration>>,
     #[command(flatten)]
@@ -132,10 +132,10 @@ pub(crate) struct Args {
 /// The policy that chooses deadlines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum DeadlinePolicy {
-    /// As long as is worth it, by how the last 32 calls to each cloud ended: no longer than local
-    /// takes while a cloud is gone. Calls that are late run on, unheeded, to see when they end.
+    /// Waits as long as it is worth it, judged by the last 32 calls to each cloud, and no longer than
+    /// local takes while a cloud is gone. Late calls run on, so that their ends are seen.
     Expected,
-    /// All of it.
+    /// Always uses --deadline.
     Constant,
 }
 
@@ -146,7 +146,7 @@ enum CommitRule {
     Eager,
     /// Forwards the best result when nothing better can come.
     Patient,
-    /// Each better one at once.
+    /// Forwards each better result at once.
     Progressive,
 }
 

@@ -52,7 +52,7 @@ class Scorer:
         self._known: dict[tuple[str, int, int], BoxMatches] = {}
 
     def score(self, played: Playthrough) -> Scores:
-        """All of it."""
+        """Returns all scores of what was played."""
         kept = self._kept
         in_time, first = self._by_frame(played)
         by_frame = precision(self._matches(in_time.get(k), k) for k in range(len(kept)))

@@ -1,4 +1,4 @@
-//! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late. `crossing` is one run.
+//! `fuseline scenario red-light`: a car runs a red light and is hidden until late. `crossing` is one run.
 
 mod crossing;
 mod geometry;

@@ -231,8 +231,7 @@ const MIDDLEWARE: Preset = Preset::Other("`middleware`");
 const KEYS: Kind = Kind::Words(&["header", "uint32", "int32", "uint64", "int64"]);
 const KEY: &str = "The part of a message that matches it to an input; the default works only for types known to have a header";
 const OFFSET: Kind = Kind::Integer(0, 65_528);
-const KEY_OFFSET: &str =
-    "The offset of an integer key, in bytes after the encapsulation header";
+const KEY_OFFSET: &str = "The offset of an integer key, in bytes after the encapsulation header";
 const INPUT: &str = "The topic on which it gets messages";
 const OUTPUT: &str = "The topic on which it sends results";
 
