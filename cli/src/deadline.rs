@@ -281,7 +281,7 @@ impl fmt::Display for DeadlineTable<'_> {
     }
 }
 
-/// The observations in a file, sorted.
+/// Returns the observations in a file, sorted.
 pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
     let fault = |line, message| DeadlineError::Row { file: file.to_owned(), line, message };
     let broken = |error: TableError| fault(error.line, error.to_string());

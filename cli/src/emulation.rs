@@ -44,7 +44,7 @@ impl From<EmulationError> for Fault {
 }
 
 impl Emulation {
-    /// An emulation of `model` behind the drive of that name, from `start` on.
+    /// Returns an emulation of `model` behind the drive of that name, from `start` on.
     ///
     /// # Errors
     /// If there is no such drive, or it is shorter.
@@ -62,7 +62,7 @@ impl Emulation {
         Ok(Self { model, drive, start, seed })
     }
 
-    /// An emulation of `model` without a network of its own.
+    /// Returns an emulation of `model` without a network of its own.
     pub(crate) fn direct(model: Model, seed: u64) -> Self {
         Self { model, drive: Drive::direct(), start: Duration::ZERO, seed }
     }
@@ -154,7 +154,7 @@ impl Outage {
         self.to.saturating_sub(self.from)
     }
 
-    /// The outages that both lists have in common.
+    /// Returns the outages that both lists have in common.
     pub(crate) fn common(one: &[Self], other: &[Self]) -> Vec<Self> {
         let pairs = one.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
         let both = pairs.map(|(a, b)| Self { from: a.from.max(b.from), to: a.to.min(b.to) });

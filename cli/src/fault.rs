@@ -39,7 +39,7 @@ pub(crate) enum Fault {
 }
 
 impl Fault {
-    /// An error of one command alone.
+    /// Returns an error of one command alone.
     pub(crate) fn own(error: impl Error + Send + Sync + 'static) -> Self {
         Self::Own(Box::new(error))
     }
@@ -86,7 +86,7 @@ pub(crate) fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An error with what caused it, as one line.
+/// Returns an error with what caused it, as one line.
 pub(crate) fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();

@@ -38,7 +38,7 @@ impl From<FileError> for Fault {
     }
 }
 
-/// The bytes of a small file.
+/// Returns the bytes of a small file.
 ///
 /// # Errors
 /// If it cannot be read or is not small.
@@ -54,7 +54,7 @@ pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// The content that was found instead.
+/// Returns the content that was found instead.
 fn hint(found: &[u8]) -> &'static str {
     if CertificateDer::from_pem_slice(found).is_ok() {
         " (this is a certificate)"
@@ -65,7 +65,7 @@ fn hint(found: &[u8]) -> &'static str {
     }
 }
 
-/// The certificates in a file, at least one, as PEM.
+/// Returns the certificates in a file, at least one, as PEM.
 ///
 /// # Errors
 /// If it cannot be read or holds none.
@@ -77,7 +77,7 @@ pub(crate) fn certificates(path: &Path) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// The private key in a file, as PEM.
+/// Returns the private key in a file, as PEM.
 fn key(path: &Path) -> Result<Vec<u8>, FileError> {
     let bytes = bytes(path)?;
     if PrivateKeyDer::from_pem_slice(&bytes).is_err() {
@@ -86,7 +86,7 @@ fn key(path: &Path) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// The bearer token in a file, without the white space around it.
+/// Returns the bearer token in a file, without the white space around it.
 ///
 /// # Errors
 /// If the file cannot be read or holds none.
@@ -96,7 +96,7 @@ pub(crate) fn token(path: &Path) -> Result<Token, FileError> {
     Token::new(text).map_err(|source| FileError::Token { path: path.to_owned(), source })
 }
 
-/// The bearer token in the environment's `FUSELINE_TOKEN`, if it is set and not empty.
+/// Returns the bearer token in the environment's `FUSELINE_TOKEN`, if it is set and not empty.
 ///
 /// # Errors
 /// If it is set to something that no token can be: whoever set it wants it to be used.
@@ -107,7 +107,7 @@ pub(crate) fn token_of_environment() -> Result<Option<Token>, FileError> {
     token.map(Some).map_err(|source| FileError::Token { path: NAME.into(), source })
 }
 
-/// The identity that a certificate and its key make, if both are there.
+/// Returns the identity that a certificate and its key make, if both are there.
 ///
 /// # Errors
 /// If one is missing or cannot be read.

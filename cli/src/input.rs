@@ -26,7 +26,7 @@ pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// The identity of the file from which an input is read.
+/// Returns the identity of the file from which an input is read.
 pub(crate) fn metadata(path: &Path) -> Option<Metadata> {
     if is_standard(path) { of_stream(io::stdin()) } else { path.metadata().ok() }
 }

@@ -83,7 +83,7 @@ impl AcceptOption {
     }
 }
 
-/// A kind of doubt by its name.
+/// Returns a kind of doubt by its name.
 fn doubt_kind(name: &str) -> Result<DoubtKind, String> {
     let all = DoubtKind::ALL.map(DoubtKind::as_str).join(", ");
     DoubtKind::named(name).ok_or_else(|| format!("the kinds of doubt are {all}"))
@@ -124,7 +124,7 @@ pub(crate) enum TraceStep {
     Cut(u64),
 }
 
-/// The next step of a trace; it may end where it was cut short if that is allowed.
+/// Returns the next step of a trace; it may end where it was cut short if that is allowed.
 pub(crate) fn next_event<R: BufRead>(
     reader: &mut Events<R>,
     end: TraceEnd,
@@ -204,7 +204,7 @@ impl JudgeOptions {
         self.accept.accepted(found)
     }
 
-    /// A judge of the trace that was begun to be read.
+    /// Returns a judge of the trace that was begun to be read.
     pub(crate) fn judging<R: BufRead>(
         &self,
         name: &str,
@@ -224,12 +224,12 @@ impl JudgeOptions {
         })
     }
 
-    /// The part of the trace that is meant, if it is not the whole.
+    /// Returns the part of the trace that is meant, if it is not the whole.
     pub(crate) fn part(&self) -> Result<Option<TraceRange>, Fault> {
         self.part.part()
     }
 
-    /// The tolerances of single sources of a trace, by their priority, in nanoseconds.
+    /// Returns the tolerances of single sources of a trace, by their priority, in nanoseconds.
     pub(crate) fn tolerances(&self, file: &str, header: &Header) -> Result<Vec<(u64, u64)>, Fault> {
         let mut tolerances = Vec::new();
         for Tolerance { source, time } in &self.tolerance {
@@ -300,7 +300,7 @@ impl From<ToleranceError> for Fault {
     }
 }
 
-/// A span of time, perhaps after the source that it is for.
+/// Returns a span of time, perhaps after the source that it is for.
 fn tolerance(text: &str) -> Result<Tolerance, String> {
     let (source, span) = match text.rsplit_once('=') {
         Some((source, span)) => (Some(source.to_owned()), span),
@@ -314,25 +314,25 @@ fn cloud_name(cloud: &Cloud) -> String {
     cloud.name.clone().unwrap_or_else(|| cloud.p.to_string())
 }
 
-/// The priorities of the sources with this name; several clouds may have one name.
+/// Returns the priorities of the sources with this name; several clouds may have one name.
 fn sources_named(name: &str, header: &Header) -> Vec<u64> {
     let clouds = header.clouds.iter().filter(|cloud| cloud_name(cloud) == name);
     let clouds = clouds.map(|cloud| u64::from(cloud.p));
     (name == "local").then_some(0).into_iter().chain(clouds).collect()
 }
 
-/// The names of a trace's sources.
+/// Returns the names of a trace's sources.
 fn known(header: &Header) -> String {
     let clouds = header.clouds.iter().map(cloud_name);
     ["local".to_owned()].into_iter().chain(clouds).collect::<Vec<_>>().join(", ")
 }
 
-/// A span of time with its unit.
+/// Returns a span of time with its unit.
 fn time(text: &str) -> Result<Duration, String> {
     duration(text, "2ms", &ANY)
 }
 
-/// The verdict at that end; `cut` is the line that was cut short.
+/// Returns the verdict at that end; `cut` is the line that was cut short.
 pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Findings {
     match end {
         TraceEnd::Whole => judging.finish(),
@@ -342,7 +342,7 @@ pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Fi
     }
 }
 
-/// A verdict with the doubt that the trace was cut off, if it was.
+/// Returns a verdict with the doubt that the trace was cut off, if it was.
 fn doubted((found, is_cut): (Findings, bool), cut: Option<u64>) -> Findings {
     let VerdictSummary { lines, .. } = found.summary();
     let what = match cut {

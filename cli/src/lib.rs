@@ -163,12 +163,12 @@ fn log_filter() -> Option<Targets> {
     std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty())?.parse().ok()
 }
 
-/// The command line, whose help people can read.
+/// Returns the command line, whose help people can read.
 fn grammar() -> clap::Command {
     help::readable(Cli::command())
 }
 
-/// The command of these words, `run` if there is none, and whether it prints colours.
+/// Returns the command of these words, `run` if there is none, and whether it prints colours.
 fn parse(args: &[OsString]) -> Result<(Command, ColorChoice), clap::Error> {
     let parsed = |args: &[OsString]| Cli::from_arg_matches(&grammar().try_get_matches_from(args)?);
     let run = [args, &["run".into()]].concat();
@@ -200,7 +200,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
     }
 }
 
-/// A mistake on the command line as one line.
+/// Returns a mistake on the command line as one line.
 fn usage(error: &clap::Error, args: &[OsString]) -> String {
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(one_line);

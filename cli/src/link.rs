@@ -24,7 +24,7 @@ struct EmulatedLinkState {
 }
 
 impl EmulatedLink {
-    /// A link with the rates of `drive`, from an instant in it, where it has them.
+    /// Returns a link with the rates of `drive`, from an instant in it, where it has them.
     pub(crate) fn new(width: LinkWidth, drive: Option<(Drive, Duration)>) -> Self {
         let queues = Mutex::new([LinkQueue::new(width.queue_bytes); 2]);
         Self(Arc::new(EmulatedLinkState { width, drive, start: Instant::now(), queues }))

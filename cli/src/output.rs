@@ -67,7 +67,7 @@ impl From<OutputError> for Fault {
 }
 
 impl Output {
-    /// The file at `path`, or standard output for `-`.
+    /// Returns the file at `path`, or standard output for `-`.
     ///
     /// # Errors
     /// If one of `inputs` is the same file, however it is named, or it can be no file, or there is one already that
@@ -86,7 +86,7 @@ impl Output {
         Ok(Self { name, target, overwrite })
     }
 
-    /// The file at `path`, or, if none is given, one called `default`, or numbered where there is such a file.
+    /// Returns the file at `path`, or, if none is given, one called `default`, or numbered where there is such a file.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -192,7 +192,7 @@ fn unfinished() -> MutexGuard<'static, Option<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The first name that no file has, of `name.end`, `name-2.end`, `name-3.end`, …
+/// Returns the first name that no file has, of `name.end`, `name-2.end`, `name-3.end`, …
 pub(crate) fn unused(name: &str) -> PathBuf {
     let is_unused = |path: &PathBuf| path.symlink_metadata().is_err();
     let mut names = (1_u64..).map(|number| numbered(name, number));
@@ -212,7 +212,7 @@ fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
-/// The file at a path, links followed.
+/// Returns the file at a path, links followed.
 ///
 /// # Errors
 /// If one of `inputs` is the same file, however it is named, or it is no file, or not to be replaced.
@@ -252,7 +252,7 @@ pub(crate) fn refuse_onto_stdout(inputs: &[&Path]) -> Result<(), Fault> {
     }
 }
 
-/// The name of the input that is the same file.
+/// Returns the name of the input that is the same file.
 fn same(output: &Metadata, path: Option<&Path>, inputs: &[&Path]) -> Option<String> {
     let is_same = |input: &Path| {
         let known = input::metadata(input).filter(Metadata::is_file);
@@ -292,7 +292,7 @@ fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Res
     io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
 }
 
-/// A file with a temporary name beside `path`, to be renamed to it once it is whole.
+/// Returns a file with a temporary name beside `path`, to be renamed to it once it is whole.
 fn beside(path: &Path) -> io::Result<NamedTempFile> {
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -40,7 +40,7 @@ impl PartOptions {
         Self { from: None, to: None, timestamps: None }
     }
 
-    /// The part, if it is not the whole.
+    /// Returns the part, if it is not the whole.
     pub(crate) fn part(&self) -> Result<Option<TraceRange>, Fault> {
         if let (Some(from), Some(to)) = (self.from, self.to)
             && from >= to

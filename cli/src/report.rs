@@ -148,13 +148,13 @@ pub(crate) fn of(
 /// The trace's key for what `run` knows beside it, in `x`, the writer's own key.
 pub(crate) const NOTES: &str = "fuseline_run";
 
-/// A trace's last line, a tick that changes nothing, with what `run` knows beside it.
+/// Returns a trace's last line, a tick that changes nothing, with what `run` knows beside it.
 pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
     let line = json!({ "ev": "tick", "at": at, "x": { NOTES: notes } });
     format!("{line}\n")
 }
 
-/// The notes of `run` on a line.
+/// Returns the notes of `run` on a line.
 fn notes(line: &[u8]) -> Option<RunNotes> {
     // Nearly no tick has any.
     line.windows(NOTES.len()).find(|key| *key == NOTES.as_bytes())?;

@@ -59,7 +59,7 @@ pub(crate) struct ApproachRun<'a> {
     pub(crate) deadline: Duration,
 }
 
-/// A frame's number as a figure; no drive has more frames than are exact.
+/// Returns a frame's number as a figure; no drive has more frames than are exact.
 pub(crate) fn figure(number: u64) -> f64 {
     u32::try_from(number).map_or(f64::INFINITY, f64::from)
 }
@@ -98,7 +98,7 @@ impl Vehicle {
         Brakes { deceleration: self.deceleration, delay: self.brake_delay }
     }
 
-    /// The guard of this vehicle, as it is shipped.
+    /// Returns the guard of this vehicle, as it is shipped.
     ///
     /// # Errors
     /// The first figure that makes no sense.
@@ -138,7 +138,7 @@ impl Vehicle {
 }
 
 impl ApproachRun<'_> {
-    /// The gap at the first frame's capture, in metres.
+    /// Returns the gap at the first frame's capture, in metres.
     pub(crate) fn start(&self) -> f64 {
         let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
         range_local.max(range_cloud) + self.phase * self.speed * self.vehicle.period()

@@ -44,7 +44,7 @@ impl DriveOutcome {
         matches!(self, Self::Hits { .. })
     }
 
-    /// The square of the speed at impact, in m²/s².
+    /// Returns the square of the speed at impact, in m²/s².
     pub(crate) fn energy(self) -> f64 {
         match self {
             Self::Stops { .. } => 0.0,

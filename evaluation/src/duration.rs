@@ -36,14 +36,14 @@ pub fn duration(
     })
 }
 
-/// A duration in seconds, as near as there is a number.
+/// Returns a duration in seconds, as near as there is a number.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "2^53 ns are 104 days")]
 pub fn seconds(duration: Duration) -> f64 {
     duration.as_nanos() as f64 / 1e9
 }
 
-/// A number with or without a fraction and one unit, exactly; what is below a nanosecond is left out.
+/// Returns a number with or without a fraction and one unit, exactly; what is below a nanosecond is left out.
 fn decimal(text: &str) -> Option<Duration> {
     let digits = text.find(|it: char| !it.is_ascii_digit() && it != '.')?;
     let (number, unit) = text.split_at(digits);

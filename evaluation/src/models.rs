@@ -105,7 +105,7 @@ impl Model {
         Ok(Self { name, device: Some(device), runtime, ap: row.coco_ap })
     }
 
-    /// The runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
+    /// Returns the runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
     /// seed.
     #[must_use]
     pub fn runtime(&self, seed: u64, t: u64) -> Duration {
@@ -128,7 +128,7 @@ impl Model {
         paper.is_ok_and(|paper| paper.runtime == self.runtime)
     }
 
-    /// The shortest and the longest that it takes.
+    /// Returns the shortest and the longest that it takes.
     #[must_use]
     pub fn runtimes(&self) -> (Duration, Duration) {
         let runtime = nanos(self.runtime);

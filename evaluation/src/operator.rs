@@ -97,7 +97,7 @@ impl ScenarioMachine {
 }
 
 impl ScenarioOperator {
-    /// An operator of this name, for about so many messages. Its trace is kept if `is_traced`.
+    /// Returns an operator of this name, for about so many messages. Its trace is kept if `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
         Self::gated(name, messages, is_traced, None)
     }
@@ -166,7 +166,7 @@ impl ScenarioOperator {
         [arrival, self.machine.next_due()].into_iter().flatten().min()
     }
 
-    /// The outputs so far that were not taken yet, in their order.
+    /// Returns the outputs so far that were not taken yet, in their order.
     pub(crate) fn take_outputs(&mut self) -> Vec<ScenarioOutput> {
         std::mem::take(&mut self.outputs)
     }
@@ -176,7 +176,7 @@ impl ScenarioOperator {
         self.is_full
     }
 
-    /// The trace, if it was kept.
+    /// Returns the trace, if it was kept.
     pub(crate) fn into_trace(self) -> Option<Vec<u8>> {
         self.trace
     }

@@ -29,7 +29,7 @@ pub(crate) struct OutputOptions {
 }
 
 impl OutputOptions {
-    /// The folders for traces and for plots, as far as they are wanted.
+    /// Returns the folders for traces and for plots, as far as they are wanted.
     ///
     /// # Errors
     /// If one cannot be made.
@@ -132,7 +132,7 @@ pub(crate) fn not_below_0(text: &str) -> Result<f64, String> {
     number(text, |number| (0.0..=GREATEST).contains(&number), "from 0 to 100000")
 }
 
-/// A time, in s.
+/// Returns a time, in s.
 pub(crate) fn time(text: &str) -> Result<f64, String> {
     duration(text, "0.5s", &(Duration::ZERO..=LONGEST)).map(seconds)
 }
@@ -141,7 +141,7 @@ pub(crate) fn time_above_0(text: &str) -> Result<f64, String> {
     duration(text, "0.5s", &(SHORTEST..=LONGEST)).map(seconds)
 }
 
-/// A time that may be negative, in s.
+/// Returns a time that may be negative, in s.
 pub(crate) fn signed_time(text: &str) -> Result<f64, String> {
     text.trim().strip_prefix('-').map_or_else(|| time(text), |text| time(text).map(|time| -time))
 }

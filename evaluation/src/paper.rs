@@ -88,7 +88,7 @@ pub fn paper_round_trips() -> TripQuantiles {
 }
 
 impl TrafficJam {
-    /// The speeds of the table, ascending, in m/s.
+    /// Returns the speeds of the table, ascending, in m/s.
     pub(crate) fn speeds(&self) -> Vec<f64> {
         let mut speeds: Vec<f64> =
             self.collides.keys().filter_map(|speed| speed.parse().ok()).collect();

@@ -25,7 +25,7 @@ pub(crate) struct Planner {
 }
 
 impl Planner {
-    /// A planner that needs so many timestamps.
+    /// Returns a planner that needs so many timestamps.
     pub(crate) const fn new(wanted: usize) -> Self {
         Self { wanted, frames: Vec::new() }
     }

@@ -33,7 +33,7 @@ impl Rectangle {
         ]
     }
 
-    /// The distance to a point; 0 inside.
+    /// Returns the distance to a point; 0 inside.
     pub(crate) fn distance_to(&self, point: Point) -> f64 {
         let ([x, y], [along, across]) = (self.front, self.heading);
         let apart = [point[0] - x, point[1] - y];
@@ -43,7 +43,7 @@ impl Rectangle {
         beyond.hypot((aside - self.width / 2.0).max(0.0))
     }
 
-    /// The distance to another; 0 if they overlap.
+    /// Returns the distance to another; 0 if they overlap.
     pub(crate) fn distance(&self, other: &Self) -> f64 {
         let (mine, theirs) = (self.corners(), other.corners());
         let cross = edges(&mine).any(|edge| edges(&theirs).any(|other| do_cross(edge, other)));

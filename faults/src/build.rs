@@ -71,7 +71,7 @@ impl Campaign<'_> {
         }
     }
 
-    /// The files with all faults that share a build.
+    /// Returns the files with all faults that share a build.
     fn rewritten(
         &self,
         apart: &BTreeMap<u32, String>,
@@ -90,7 +90,7 @@ impl Campaign<'_> {
         rewritten.collect()
     }
 
-    /// The constant functions with faults, and those that call them.
+    /// Returns the constant functions with faults, and those that call them.
     fn constants(&self, apart: &BTreeMap<u32, String>) -> Result<Vec<Function>, FaultsError> {
         let faulty = self.parts().filter(|(number, _)| !apart.contains_key(number));
         let faulty = faulty.filter_map(|(_, fault)| fault.function.clone());

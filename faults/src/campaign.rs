@@ -283,7 +283,7 @@ impl Campaign<'_> {
         kinds.collect::<Vec<_>>().into_iter()
     }
 
-    /// The suites that the chosen faults need.
+    /// Returns the suites that the chosen faults need.
     pub(crate) fn suites(&self) -> BTreeMap<&'static str, &'static BuildSuite> {
         let chosen = self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
         chosen
@@ -316,7 +316,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The kinds of these names; all if there is none.
+/// Returns the kinds of these names; all if there is none.
 ///
 /// # Errors
 /// There is no kind of a name.

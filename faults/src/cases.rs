@@ -70,7 +70,7 @@ impl FaultyCopy<'_> {
     }
 }
 
-/// The cases of an interface.
+/// Returns the cases of an interface.
 ///
 /// # Errors
 /// The list of cases cannot be read.
@@ -109,7 +109,7 @@ fn is_name(word: &str) -> bool {
 }
 
 impl ProgramCase {
-    /// The call of it, which gets no input.
+    /// Returns the call of it, which gets no input.
     pub(crate) fn command(&self, program: &Path, folder: &Path) -> Command {
         let mut command = Command::new(program);
         command.args(&self.words).current_dir(folder).stdin(Stdio::null());

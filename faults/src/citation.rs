@@ -60,7 +60,7 @@ static WORD: LazyLock<Regex> =
 /// Words that look like an identifier and are none: a graphics processor, number types, percentiles.
 const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
 
-/// The identifiers in the order of their definition, each with its title.
+/// Returns the identifiers in the order of their definition, each with its title.
 pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, FaultsError> {
     let spec = tree.text("SPEC.md")?;
     let pair = |found: regex::Captures| {
@@ -70,7 +70,7 @@ pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, FaultsError>
     Ok(DEFINITION.captures_iter(&spec).filter_map(pair).collect())
 }
 
-/// The identifiers in a text; `F2–F7` stands for all from one to the other.
+/// Returns the identifiers in a text; `F2–F7` stands for all from one to the other.
 pub(crate) fn identifiers(text: &str) -> BTreeSet<String> {
     let mut ids = BTreeSet::new();
     for found in WORD.captures_iter(text).filter(|found| !OTHER_WORDS.contains(&&found[0])) {
@@ -82,7 +82,7 @@ pub(crate) fn identifiers(text: &str) -> BTreeSet<String> {
     ids
 }
 
-/// The identifiers in a function's name; `p1_to_p9` stands for all from one to the other.
+/// Returns the identifiers in a function's name; `p1_to_p9` stands for all from one to the other.
 pub(crate) fn named(name: &str) -> BTreeSet<String> {
     let parts: Vec<&str> = name.split('_').collect();
     let mut ids = BTreeSet::new();
@@ -98,7 +98,7 @@ pub(crate) fn named(name: &str) -> BTreeSet<String> {
     ids
 }
 
-/// The lines of the code that cite each identifier, `file:line`.
+/// Returns the lines of the code that cite each identifier, `file:line`.
 pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsError> {
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for file in tree.files(&CODE)? {
@@ -159,7 +159,7 @@ pub(crate) fn cited_by_pytest(tree: &Tree, witness: &str) -> Result<BTreeSet<Str
     Ok(cited)
 }
 
-/// A function of a module of Python with its decorators and the comments above it.
+/// Returns a function of a module of Python with its decorators and the comments above it.
 fn python_function(text: &str, name: &str) -> Option<String> {
     let lines: Vec<&str> = text.lines().collect();
     let heads = [format!("def {name}("), format!("async def {name}(")];
@@ -172,7 +172,7 @@ fn python_function(text: &str, name: &str) -> Option<String> {
     Some(lines[at - above..=at + below].join("\n"))
 }
 
-/// The files that may have a test, by its target and modules: a library's own tests, and those in folders of tests.
+/// Returns the files that may have a test, by its target and modules: a library's own tests, and those in folders of tests.
 fn files_of_test(tree: &Tree, path: &[&str]) -> Vec<String> {
     let Some((target, modules)) = path.split_first() else { return Vec::new() };
     let whole = modules.join("/");
@@ -238,7 +238,7 @@ fn range(family: &str, first: &str, last: &str) -> Vec<String> {
     ids
 }
 
-/// The identifier that a part of a name is, if it is one.
+/// Returns the identifier that a part of a name is, if it is one.
 fn upper(part: &str) -> Option<String> {
     let mut letters = part.chars();
     let family = letters.next().filter(|letter| "fpatdej".contains(*letter))?;

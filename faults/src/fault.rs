@@ -132,7 +132,7 @@ impl WrittenFault {
         }
     }
 
-    /// The functions of its path, or its file.
+    /// Returns the functions of its path, or its file.
     fn places(
         &self,
         tree: &Tree,
@@ -157,7 +157,7 @@ impl WrittenFault {
 }
 
 impl SeededFault {
-    /// The source with this fault.
+    /// Returns the source with this fault.
     ///
     /// # Errors
     /// The text is not that of the file in which the fault was found.
@@ -168,7 +168,7 @@ impl SeededFault {
         Ok([&source[..self.at.start], &self.replace, &source[self.at.end..]].concat())
     }
 
-    /// A digest of the change that it makes.
+    /// Returns a digest of the change that it makes.
     #[must_use]
     pub fn digest(&self) -> String {
         let item = self.function.as_ref().map_or(&self.file, |function| &function.path);

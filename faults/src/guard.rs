@@ -54,7 +54,7 @@ pub fn load_guards(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     cases.into_iter().map(|(case, places)| removed(tree, &mut items, &case, places)).collect()
 }
 
-/// The fault that removes the guards of a case, with one part for each function.
+/// Returns the fault that removes the guards of a case, with one part for each function.
 fn removed(
     tree: &Tree,
     items: &mut FunctionIndex,

@@ -27,7 +27,7 @@ pub struct Function {
 }
 
 impl Function {
-    /// The crate that it is in.
+    /// Returns the crate that it is in.
     #[must_use]
     pub fn of_crate(&self) -> &str {
         self.path.split("::").next().unwrap_or_default()
@@ -129,7 +129,7 @@ impl<'a> FunctionIndex<'a> {
         Ok(&self.read[name])
     }
 
-    /// The innermost function of a file around some bytes, if there is one.
+    /// Returns the innermost function of a file around some bytes, if there is one.
     ///
     /// # Errors
     /// The file cannot be read as Rust.
@@ -151,7 +151,7 @@ impl<'a> FunctionIndex<'a> {
         Ok(around.min_by_key(|it| it.whole.len()).cloned())
     }
 
-    /// The names of the crates.
+    /// Returns the names of the crates.
     #[must_use]
     pub fn crates(&self) -> Vec<String> {
         self.folders.keys().cloned().collect()
@@ -259,7 +259,7 @@ impl Functions<'_> {
     }
 }
 
-/// The name of a type, without its parameters.
+/// Returns the name of a type, without its parameters.
 fn type_name(of: &Type) -> String {
     match of {
         Type::Path(of) => {

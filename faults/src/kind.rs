@@ -53,7 +53,7 @@ pub(crate) struct Program {
 }
 
 impl WitnessKind {
-    /// The interface whose cases of misuse it runs, if it does.
+    /// Returns the interface whose cases of misuse it runs, if it does.
     pub(crate) fn interface(&self) -> Option<&'static str> {
         self.name.strip_suffix("-misuse")
     }

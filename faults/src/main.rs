@@ -147,7 +147,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
     Ok(count == 0 && !findings.faults.is_empty())
 }
 
-/// The faults that are to run.
+/// Returns the faults that are to run.
 fn chosen(
     tree: &Tree,
     faults: &[SeededFault],

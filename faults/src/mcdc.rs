@@ -127,7 +127,7 @@ impl McdcReport {
         Ok(Self { decisions, evaluations, explained: explained.condition })
     }
 
-    /// A page with each decision, its conditions, and of each the two tests that show it.
+    /// Returns a page with each decision, its conditions, and of each the two tests that show it.
     #[must_use]
     pub fn page(&self) -> String {
         let mut text = format!("{HEAD}\n{}.\n\n```text\n", self.summary());
@@ -173,7 +173,7 @@ impl McdcReport {
         )
     }
 
-    /// The mistakes: conditions that are neither shown nor explained, and explanations of shown or
+    /// Returns the mistakes: conditions that are neither shown nor explained, and explanations of shown or
     /// missing conditions.
     #[must_use]
     pub fn gaps(&self) -> Vec<String> {

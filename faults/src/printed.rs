@@ -58,7 +58,7 @@ pub(crate) fn read_peers(_: &str, printed: &str) -> Outcomes {
     found.map(|found| (format!("peers::{}", &found[2]), &found[1] == "passed")).collect()
 }
 
-/// A JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
+/// Returns a JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
 pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     #[derive(serde::Deserialize)]
     struct Verdict {

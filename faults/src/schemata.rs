@@ -24,14 +24,14 @@ pub(crate) struct Rewritten {
 }
 
 impl Rewritten {
-    /// The faults that a place of the text belongs to.
+    /// Returns the faults that a place of the text belongs to.
     pub(crate) fn faults_at(&self, at: usize) -> BTreeSet<u32> {
         let around = self.copies.iter().filter(|(range, _)| range.contains(&at));
         around.min_by_key(|(range, _)| range.len()).map(|(_, of)| of.clone()).unwrap_or_default()
     }
 }
 
-/// The file with each function's body once for each of its faults, and once as it is. `constants` are the words `const` that
+/// Returns the file with each function's body once for each of its faults, and once as it is. `constants` are the words `const` that
 /// it does without: no constant function can read a variable, and none can call one that does.
 ///
 /// # Errors

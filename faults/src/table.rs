@@ -128,7 +128,7 @@ impl Table {
         Ok(Self { rows, faults: fault_rows, gaps, single, wrong })
     }
 
-    /// The table for people at a terminal.
+    /// Returns the table for people at a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -155,7 +155,7 @@ impl Table {
         text
     }
 
-    /// A page of the book.
+    /// Returns a page of the book.
     #[must_use]
     pub fn page(&self) -> String {
         let mut text = String::from(HEAD);
@@ -241,7 +241,7 @@ impl FaultRow {
     }
 }
 
-/// The first of some witnesses, and how many more there are.
+/// Returns the first of some witnesses, and how many more there are.
 fn few(witnesses: &BTreeSet<String>) -> String {
     let first =
         witnesses.iter().take(3).map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
@@ -323,7 +323,7 @@ fn gaps(
 /// By identifier and kind, the witness that must show it.
 pub type ExpectedWitnesses = BTreeMap<String, BTreeMap<String, String>>;
 
-/// The witnesses that must be there.
+/// Returns the witnesses that must be there.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -332,7 +332,7 @@ pub fn expected(tree: &Tree) -> Result<ExpectedWitnesses, FaultsError> {
     parsed.map_err(|error| FaultsError::content(&tree.path(WITNESSES), error.to_string()))
 }
 
-/// The witnesses that should show an identifier and did not, where all of its faults ran.
+/// Returns the witnesses that should show an identifier and did not, where all of its faults ran.
 fn missing(tree: &Tree, rows: &[PromiseRow]) -> Result<Vec<String>, FaultsError> {
     let mut expected = expected(tree)?;
     let mut missing = Vec::new();

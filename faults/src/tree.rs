@@ -16,25 +16,25 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// The files below this folder.
+    /// Returns the files below this folder.
     #[must_use]
     pub const fn new(root: PathBuf) -> Self {
         Self { root }
     }
 
-    /// The folder.
+    /// Returns the folder.
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// A file or folder named from the root.
+    /// Returns a file or folder named from the root.
     #[must_use]
     pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
         self.root.join(name)
     }
 
-    /// A text file named from the root.
+    /// Returns a text file named from the root.
     ///
     /// # Errors
     /// It cannot be read.
@@ -56,7 +56,7 @@ impl Tree {
         Ok(files)
     }
 
-    /// A digest of all files at or below these names, but those whose names begin as a name after a `!` does.
+    /// Returns a digest of all files at or below these names, but those whose names begin as a name after a `!` does.
     ///
     /// In Rust files, lines of comments and empty lines are left out: rewording them changes no
     /// result.
@@ -115,7 +115,7 @@ impl Tree {
         Ok(())
     }
 
-    /// The files that git tracks, and new ones.
+    /// Returns the files that git tracks, and new ones.
     fn listed_files(&self) -> Result<BTreeMap<String, Vec<u8>>, FaultsError> {
         let listed = Command::new("git")
             .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
@@ -175,7 +175,7 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// A Rust file without its lines of comments and its empty lines.
+/// Returns a Rust file without its lines of comments and its empty lines.
 fn code(content: &[u8]) -> Vec<u8> {
     let says_something = |line: &&[u8]| {
         let line = line.trim_ascii();

@@ -159,7 +159,7 @@ impl FaultyCopy<'_> {
         Ok(Built::Refused(places, said))
     }
 
-    /// The compiled part of the wheel, put where the copy's package looks for it.
+    /// Returns the compiled part of the wheel, put where the copy's package looks for it.
     fn build_wheel(&self) -> Result<Built, FaultsError> {
         let folder = self.copy.path("adapters/python");
         if !self.python.exists() {
@@ -290,7 +290,7 @@ impl FaultyCopy<'_> {
         if is_empty { Err(wrong("no witness ran")) } else { Ok(seen) }
     }
 
-    /// The cases of a node among real peers: all of them, or one.
+    /// Returns the cases of a node among real peers: all of them, or one.
     fn among_peers(
         &self,
         programs: &Programs,

@@ -118,7 +118,7 @@ fn now() -> Instant {
     Instant::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// The first tick of embassy's clock that reads `due` or later.
+/// Returns the first tick of embassy's clock that reads `due` or later.
 fn at_least(due: Instant) -> Clock {
     let ticks = (u128::from(due.as_nanos()) * u128::from(TICK_HZ)).div_ceil(1_000_000_000);
     Clock::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))

@@ -85,7 +85,7 @@ impl From<Lineage> for Option<Arc<Lineage>> {
 }
 
 impl<V> StampedValue<V> {
-    /// The keys that the source states about the value.
+    /// Returns the keys that the source states about the value.
     pub(crate) const fn keys(&self) -> ValueKeys {
         ValueKeys { of: self.of, meant_for: self.meant_for }
     }

@@ -107,7 +107,7 @@ impl PyCalls {
         })
     }
 
-    /// The clock's reading at the start.
+    /// Returns the clock's reading at the start.
     #[getter]
     fn start(&self) -> u64 {
         self.start

@@ -250,7 +250,7 @@ impl PyEngine {
         Ok(self.locked()?.as_mut().and_then(next_wanted))
     }
 
-    /// The package's item.
+    /// Returns the package's item.
     pub(crate) fn item<'py>(
         &self,
         py: Python<'py>,

@@ -139,7 +139,7 @@ pub(crate) fn report<'py>(
     Ok((verdicts, PyBytes::new(py, &html)))
 }
 
-/// The priorities of the named sources, each with its tolerance in nanoseconds.
+/// Returns the priorities of the named sources, each with its tolerance in nanoseconds.
 fn by_priority(
     tolerances: &SourceTolerances,
     file: &str,
@@ -221,7 +221,7 @@ fn observed(verdict: observed::Verdict) -> VerdictFields {
     (file, conforms, judged, lines, violations.collect(), more, doubts, cause)
 }
 
-/// The whole trace: the inputs as they stand, and the machine's decisions.
+/// Returns the whole trace: the inputs as they stand, and the machine's decisions.
 #[pyfunction]
 #[pyo3(signature = (trace, name))]
 pub(crate) fn replay<'py>(
@@ -254,7 +254,7 @@ pub(crate) fn replay<'py>(
     Ok(PyBytes::new(trace.py(), &whole))
 }
 
-/// A trace's name, its header, and its lines as rows.
+/// Returns a trace's name, its header, and its lines as rows.
 #[pyfunction]
 #[pyo3(signature = (trace, name))]
 pub(crate) fn read(

@@ -34,7 +34,7 @@ impl PyDrive {
         })
     }
 
-    /// The drive's name, the network included.
+    /// Returns the drive's name, the network included.
     #[getter]
     fn name(&self) -> &str {
         self.0.name()
@@ -58,7 +58,7 @@ impl PyDrive {
     }
 }
 
-/// The names of the built-in drives.
+/// Returns the names of the built-in drives.
 #[pyfunction]
 pub(crate) fn drives() -> Vec<&'static str> {
     built_in().collect()
@@ -152,7 +152,7 @@ fn row(
     (name, accuracy, (at_least, at_most), quantiles)
 }
 
-/// The sources of a trace, local first.
+/// Returns the sources of a trace, local first.
 fn sources(header: &Header, accuracies: &[(String, f64)]) -> PyResult<Vec<ComparedSource>> {
     let clouds = header
         .clouds

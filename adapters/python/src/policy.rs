@@ -435,7 +435,7 @@ impl<'py> FromPyObject<'_, 'py> for VehicleArgument {
     }
 }
 
-/// An attribute; what is wrong with it is raised with its name before it.
+/// Returns an attribute; what is wrong with it is raised with its name before it.
 fn field<'py, T>(object: Borrowed<'_, 'py, PyAny>, name: &str) -> PyResult<T>
 where
     T: for<'b> FromPyObject<'b, 'py, Error: Into<PyErr>>,

@@ -11,7 +11,7 @@ pyo3::import_exception!(fuseline._errors, DeadlineError);
 pyo3::import_exception!(fuseline._errors, TimeError);
 pyo3::import_exception!(fuseline._errors, ReadError);
 
-/// A trace that cannot be read, with its place; an exception that came while reading goes on as it is.
+/// Returns a trace that cannot be read, with its place; an exception that came while reading goes on as it is.
 pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     let fuseline_traces::ReadError { file, line, column, defect } = error;
     match defect {
@@ -23,7 +23,7 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     }
 }
 
-/// A trace that is out of order, and so cannot be judged as observed.
+/// Returns a trace that is out of order, and so cannot be judged as observed.
 pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     let message = error.to_string();
     let place = format!("{}:{}:1: ", error.file, error.line);
@@ -31,7 +31,7 @@ pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     read_error((error.file.clone(), error.line, 1, what))
 }
 
-/// A configuration that the machine refuses.
+/// Returns a configuration that the machine refuses.
 pub(crate) fn config(error: impl Display) -> PyErr {
     ConfigError::new_err(error.to_string())
 }

@@ -83,7 +83,7 @@ fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
     Ok(Box::new(InterruptibleReader::new(unpack(trace)?)))
 }
 
-/// The exception within an error, or an error of the system with the file that it is about.
+/// Returns the exception within an error, or an error of the system with the file that it is about.
 fn named(path: &str, error: io::Error) -> PyErr {
     let error = match error.downcast::<PyErr>() {
         Ok(raised) => return raised,

@@ -98,7 +98,7 @@ impl PyTally {
     }
 }
 
-/// The greatest response that differs from this one in its lower bits alone.
+/// Returns the greatest response that differs from this one in its lower bits alone.
 const fn bin(response: u64) -> u64 {
     let shift = (u64::BITS - response.leading_zeros()).saturating_sub(BITS);
     response | ((1 << shift) - 1)

@@ -191,7 +191,7 @@ impl Stamp {
 }
 
 impl IntegerKind {
-    /// The integer's name in ROS.
+    /// Returns the integer's name in ROS.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -218,7 +218,7 @@ impl fmt::Display for Stamp {
     }
 }
 
-/// The integer's bytes, in this machine's order.
+/// Returns the integer's bytes, in this machine's order.
 fn bytes<const N: usize>(body: &[u8], offset: u32, big_endian: bool) -> Result<[u8; N], KeyError> {
     let offset = usize::try_from(offset).map_err(|_| KeyError::Short)?;
     let found = body.get(offset..).and_then(<[u8]>::first_chunk::<N>);

@@ -175,12 +175,12 @@ impl LifecycleState {
         }
     }
 
-    /// The transitions from here.
+    /// Returns the transitions from here.
     pub(crate) fn transitions(self) -> impl Iterator<Item = Transition> {
         TRANSITIONS.into_iter().filter(move |transition| transition.from == self)
     }
 
-    /// The transition that is requested, by its label if there is one, else by its number; none if it does not begin
+    /// Returns the transition that is requested, by its label if there is one, else by its number; none if it does not begin
     /// here.
     pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
         let transition = self.transitions().find(|transition| {
@@ -199,7 +199,7 @@ impl LifecycleState {
         Some((transition, task))
     }
 
-    /// The transition by which what is under way ends, if anything is.
+    /// Returns the transition by which what is under way ends, if anything is.
     pub(crate) fn ended(self, result: TransitionResult) -> Option<Transition> {
         let label = match result {
             TransitionResult::Success => SUCCESS,

@@ -152,7 +152,7 @@ impl Graph {
         Ok(())
     }
 
-    /// A publisher of the node's own.
+    /// Returns a publisher of the node's own.
     pub(crate) fn message_publisher<M>(
         &mut self,
         topic: &str,
@@ -171,7 +171,7 @@ impl Graph {
         }
     }
 
-    /// A service of the node's own, below its name. Over Zenoh it is served in `tasks`.
+    /// Returns a service of the node's own, below its name. Over Zenoh it is served in `tasks`.
     #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "they serve Zenoh"))]
     pub(crate) fn serve<Q, R>(
         &mut self,

@@ -178,7 +178,7 @@ impl NodeName {
         Ok(full)
     }
 
-    /// The rules for topics that apply to none of these, given by their own names, in a sentence each. Some rules are for all
+    /// Returns the rules for topics that apply to none of these, given by their own names, in a sentence each. Some rules are for all
     /// nodes of a launch file.
     ///
     /// # Errors
@@ -218,7 +218,7 @@ impl NodeName {
         Ok(idle)
     }
 
-    /// The rules for this node.
+    /// Returns the rules for this node.
     fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a Remap> {
         let is_ours = |remap: &&Remap| remap.node.as_ref().is_none_or(|node| *node == self.name);
         remaps.iter().filter(is_ours)

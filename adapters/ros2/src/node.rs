@@ -217,7 +217,7 @@ pub(crate) fn engine_config(settings: &Settings) -> Result<EngineConfig, NodeErr
     })
 }
 
-/// The operator with its recordings, whose files are made.
+/// Returns the operator with its recordings, whose files are made.
 pub(crate) fn recorded(
     settings: &Settings,
 ) -> Result<(Engine<Payload, Payload>, CreatedFiles), NodeError> {

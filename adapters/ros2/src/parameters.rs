@@ -118,7 +118,7 @@ pub enum ParameterFlaw {
     Shape,
 }
 
-/// The parameters that files and then assignments give to a node, by name; later ones win. With them, in a sentence each,
+/// Returns the parameters that files and then assignments give to a node, by name; later ones win. With them, in a sentence each,
 /// the files and assignments that give this node nothing.
 ///
 /// In a file, parameters under `/**` come first, then those under other names with wildcards, then

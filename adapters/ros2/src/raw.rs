@@ -35,20 +35,20 @@ thread_local! {
 }
 
 impl Payload {
-    /// The message with its encapsulation header, as `rmw_serialize` has it.
+    /// Returns the message with its encapsulation header, as `rmw_serialize` has it.
     #[must_use]
     pub fn to_serialized(&self) -> Bytes {
         [&self.encapsulation()[..], &self.body].concat().into()
     }
 
-    /// The encapsulation header.
+    /// Returns the encapsulation header.
     pub(crate) fn encapsulation(&self) -> [u8; ENCAPSULATION] {
         let encoding = if self.big_endian { Encoding::CDR_BE } else { Encoding::CDR_LE };
         let [first, second] = encoding.to_bytes();
         [first, second, 0, 0]
     }
 
-    /// The message behind an encapsulation header; none if the header is missing or not plain CDR.
+    /// Returns the message behind an encapsulation header; none if the header is missing or not plain CDR.
     #[must_use]
     pub fn from_serialized(bytes: &Bytes) -> Option<Self> {
         let header = bytes.get(..ENCAPSULATION)?;
@@ -60,13 +60,13 @@ impl Payload {
 
 #[cfg(feature = "zenoh")]
 impl Payload {
-    /// A message of the node's own, serialized.
+    /// Returns a message of the node's own, serialized.
     pub(crate) fn of(message: &impl serde::Serialize) -> Option<Self> {
         let body = cdr_encoding::to_vec::<_, LittleEndian>(message).ok()?;
         Some(Self { big_endian: false, body: body.into() })
     }
 
-    /// The message, if it is one of this type.
+    /// Returns the message, if it is one of this type.
     pub(crate) fn read<M: serde::de::DeserializeOwned>(&self) -> Option<M> {
         let read = if self.big_endian {
             cdr_encoding::from_bytes::<M, BigEndian>(&self.body)

@@ -86,7 +86,7 @@ mod tests {
 
     use super::*;
 
-    /// The calling thread's real-time priority and policy; `SCHED_FIFO` is 1.
+    /// Returns the calling thread's real-time priority and policy; `SCHED_FIFO` is 1.
     fn scheduling() -> (u8, u8) {
         let stat = fs::read_to_string("/proc/thread-self/stat").unwrap();
         // Its name, in brackets, may have spaces; fields 40 and 41 of proc_pid_stat(5), the state being the third.

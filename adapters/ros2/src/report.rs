@@ -92,13 +92,13 @@ pub(crate) struct Reporter {
 }
 
 impl Reporter {
-    /// The reporter of a node that has counted nothing yet.
+    /// Returns the reporter of a node that has counted nothing yet.
     pub(crate) fn new(node: &str, tally: Tally) -> Self {
         let unmatched = vec![UnmatchedResults::default(); tally.sources.len()];
         Self { node: node.into(), reported: tally, intake: NodeCounts::default(), unmatched }
     }
 
-    /// The state of the node, of local and of each cloud in the period that ends now. Counts are
+    /// Returns the state of the node, of local and of each cloud in the period that ends now. Counts are
     /// since the start; `blind` says that policies know no speed.
     pub(crate) fn period(
         &mut self,
@@ -307,7 +307,7 @@ impl UnmatchedResults {
     }
 }
 
-/// A state in words, and what else happened.
+/// Returns a state in words, and what else happened.
 fn and(state: String, more: Option<&str>) -> String {
     match more {
         Some(more) => format!("{state}; {more}"),

@@ -356,7 +356,7 @@ fn stream(
     Ok(StreamSettings { topic, type_name, key })
 }
 
-/// The topic of preliminary results, beside that of outputs.
+/// Returns the topic of preliminary results, beside that of outputs.
 fn revisions(
     r: &mut ParameterReader,
     commit: Commit,
@@ -414,7 +414,7 @@ fn local(
     Ok(Local { middleware, input, output, deadline, in_flight, waiting })
 }
 
-/// The two topics of a source.
+/// Returns the two topics of a source.
 fn topics(
     r: &mut ParameterReader,
     name: &str,
@@ -428,12 +428,12 @@ fn topics(
     Ok([input, topic("output", types[1], Role::Subscription)?])
 }
 
-/// The name of the node's logger, which is its only one.
+/// Returns the name of the node's logger, which is its only one.
 fn logger(node: &NodeName) -> String {
     node.full()[1..].replace('/', ".")
 }
 
-/// A warning for each level of a logger that this node does not have.
+/// Returns a warning for each level of a logger that this node does not have.
 fn idle_log_levels(arguments: &Arguments, node: &NodeName) -> Vec<String> {
     let own = logger(node);
     let others = arguments.log_levels.iter().filter_map(|(logger, _)| logger.as_ref());
@@ -444,7 +444,7 @@ fn idle_log_levels(arguments: &Arguments, node: &NodeName) -> Vec<String> {
     others.map(warning).collect()
 }
 
-/// The last level for this node's logger, or else for all.
+/// Returns the last level for this node's logger, or else for all.
 fn log_level(arguments: &Arguments, node: &NodeName) -> Option<Level> {
     let logger = logger(node);
     let levels = || arguments.log_levels.iter().rev();

@@ -88,7 +88,7 @@ impl NodeSource {
     }
 }
 
-/// The handle of a cloud that offers `fuseline.v1.Infer`.
+/// Returns the handle of a cloud that offers `fuseline.v1.Infer`.
 ///
 /// # Errors
 /// If a file cannot be read or the address is not valid.

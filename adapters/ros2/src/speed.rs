@@ -55,7 +55,7 @@ impl Speed {
     }
 }
 
-/// The length of the twist's linear part.
+/// Returns the length of the twist's linear part.
 fn odometry(payload: &Payload) -> Option<f64> {
     // The header's stamp, then two frames' names, each with its length before it.
     let mut at = 8;
@@ -97,7 +97,7 @@ mod tests {
         SpeedTopic { topic: "/odom".into(), type_name: type_name.into(), age: AGE }
     }
 
-    /// An odometry with these names of frames, as CDR has it.
+    /// Returns an odometry with these names of frames, as CDR has it.
     fn odometry(frames: [&str; 2], speed: [f64; 3], big_endian: bool) -> Payload {
         let mut body = vec![0; 8];
         let number =

@@ -91,7 +91,7 @@ impl StatusPublisher {
     }
 }
 
-/// The event that a parameter was set.
+/// Returns the event that a parameter was set.
 fn changed(node: &str, name: &str, value: &Value) -> ParameterEvent {
     let changed = Parameter { name: name.to_owned(), value: ros::value(value) };
     ParameterEvent {

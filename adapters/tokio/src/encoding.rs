@@ -114,7 +114,7 @@ impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Re
         }
     }
 
-    /// The encoding of a message, begun when it is first waited for.
+    /// Returns the encoding of a message, begun when it is first waited for.
     fn encoding_of(&self, message: (u64, usize), raw: Raw) -> SharedEncoding<Req> {
         let mut latest = lock(&self.0.latest);
         let known = latest.as_ref().filter(|latest| latest.message == message);

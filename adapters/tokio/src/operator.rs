@@ -372,7 +372,7 @@ impl Default for Config {
     }
 }
 
-/// The side requests, ready to be made.
+/// Returns the side requests, ready to be made.
 fn sides<I>(
     operator: &str,
     registered: Vec<SideRegistration<I>>,

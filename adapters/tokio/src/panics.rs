@@ -15,12 +15,12 @@ pub(crate) async fn guarded<T>(
     ended.unwrap_or_else(|panic| Err(panicked(&*panic)))
 }
 
-/// The panic as an error.
+/// Returns the panic as an error.
 pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
     format!("it panicked: {}", reason(panic)).into()
 }
 
-/// The panic's message, if it is text.
+/// Returns the panic's message, if it is text.
 pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
     if let Some(text) = panic.downcast_ref::<&str>() {
         return text;

@@ -20,7 +20,7 @@ pub(crate) trait PendingCall<O>:
 /// See [`PendingCall`].
 pub(crate) type BoxedRequest<O> = Pin<Box<dyn PendingCall<O>>>;
 
-/// The request that `make` turns into a call.
+/// Returns the request that `make` turns into a call.
 pub(crate) fn request<O, M, F>(make: M) -> BoxedRequest<O>
 where
     M: FnOnce(Call) -> F + Send + 'static,

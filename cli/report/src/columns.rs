@@ -266,7 +266,7 @@ impl TraceColumns {
         self.sources.entry(p).or_insert(next);
     }
 
-    /// The columns with the verdict.
+    /// Returns the columns with the verdict.
     pub(crate) fn page_trace(
         &self,
         header: &Header,
@@ -340,13 +340,13 @@ impl TraceColumns {
         page_trace
     }
 
-    /// The violations that are marked beside those listed.
+    /// Returns the violations that are marked beside those listed.
     fn marked<'a>(&self, places: &'a [RulePlace]) -> &'a [RulePlace] {
         let most = if self.left_out > 0 { MARKS } else { usize::MAX };
         &places[..places.len().min(most)]
     }
 
-    /// The place of a source that the trace mentions.
+    /// Returns the place of a source that the trace mentions.
     fn place(&self, p: u64) -> usize {
         self.sources.get(&p).copied().unwrap_or_default()
     }

@@ -66,7 +66,7 @@ impl RequestDeadlines {
         counted.into_iter().take(most).map(|(deadline, _)| *deadline).collect()
     }
 
-    /// The least, the median by nearest rank, and the greatest of a source; none if nothing was requested of it.
+    /// Returns the least, the median by nearest rank, and the greatest of a source; none if nothing was requested of it.
     pub(crate) fn spread(&self, p: u64) -> Option<[u64; 3]> {
         let counts = self.of.get(&p)?;
         let rank = counts.values().sum::<u64>().div_ceil(2);

@@ -90,7 +90,7 @@ pub struct AnyViolation<'a> {
 }
 
 impl TraceJudge {
-    /// A judge of the trace `name`.
+    /// Returns a judge of the trace `name`.
     #[must_use]
     pub fn new(mode: JudgeMode, name: &str, header: &Header) -> Self {
         let judge = match mode {
@@ -182,7 +182,7 @@ impl TraceJudge {
         Ok(())
     }
 
-    /// The violations found so far, without the first `page_trace` of them.
+    /// Returns the violations found so far, without the first `page_trace` of them.
     #[must_use]
     pub fn since(&self, page_trace: usize) -> Vec<AnyViolation<'_>> {
         let all = match (&self.part, &self.judge) {
@@ -197,7 +197,7 @@ impl TraceJudge {
         all.into_iter().skip(page_trace).collect()
     }
 
-    /// The verdict on the whole: what is not there is missing. Violations stand by their lines.
+    /// Returns the verdict on the whole: what is not there is missing. Violations stand by their lines.
     #[must_use]
     pub fn finish(self) -> Findings {
         let found = match self.judge {
@@ -207,7 +207,7 @@ impl TraceJudge {
         PartVerdict::of(self.part, found, observed::Judge::finish).sorted()
     }
 
-    /// The verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
+    /// Returns the verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
     /// their lines.
     #[must_use]
     pub fn finish_ended(self) -> Findings {
@@ -218,7 +218,7 @@ impl TraceJudge {
         PartVerdict::of(self.part, found, observed::Judge::finish_ended).sorted()
     }
 
-    /// The verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
+    /// Returns the verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
     /// they were found. Also whether decisions of the last input were missing, which are not judged.
     #[must_use]
     pub fn finish_early(self) -> (Findings, bool) {
@@ -265,7 +265,7 @@ impl PartVerdict {
         }
     }
 
-    /// The verdict on the part, if it is one, else on all; `finish` ends the judge of the part alone.
+    /// Returns the verdict on the part, if it is one, else on all; `finish` ends the judge of the part alone.
     fn of(
         part: Option<Self>,
         whole: Findings,
@@ -343,7 +343,7 @@ fn observed_place_of(violation: &observed::Violation) -> ViolationPlace<observed
     ViolationPlace { line: violation.line, t: violation.t, rule: violation.rule }
 }
 
-/// The verdict without decisions that the last input still lacks, and whether there are any.
+/// Returns the verdict without decisions that the last input still lacks, and whether there are any.
 fn without_last(judge: Judge) -> (Verdict, bool) {
     let so_far = judge.so_far();
     let (known, more) = (so_far.violations.len(), so_far.more);
@@ -395,7 +395,7 @@ impl Findings {
         }
     }
 
-    /// The verdict in a few words, such as *conforms*.
+    /// Returns the verdict in a few words, such as *conforms*.
     #[must_use]
     pub fn in_short(&self) -> String {
         match self {
@@ -404,7 +404,7 @@ impl Findings {
         }
     }
 
-    /// The verdict without its violations.
+    /// Returns the verdict without its violations.
     #[must_use]
     pub fn summary(&self) -> VerdictSummary<'_> {
         match self {
@@ -435,7 +435,7 @@ impl Findings {
         }
     }
 
-    /// The violations that are listed.
+    /// Returns the violations that are listed.
     #[must_use]
     pub fn violations(&self) -> Vec<AnyViolation<'_>> {
         match self {

@@ -46,7 +46,7 @@ impl Default for TraceRange {
 }
 
 impl PartFilter {
-    /// A filter for a trace from its first event on.
+    /// Returns a filter for a trace from its first event on.
     #[must_use]
     pub fn new(part: TraceRange) -> Self {
         Self { part, origin: None, greatest: 0, messages: HashMap::new(), is_inside: false }
@@ -97,7 +97,7 @@ impl PartFilter {
         message.map_or(self.is_inside, |message| message.is_wanted)
     }
 
-    /// A judge of the part alone, at the instant at which the whole trace ends.
+    /// Returns a judge of the part alone, at the instant at which the whole trace ends.
     pub(crate) fn ends(&self, mut alone: observed::Judge) -> Option<observed::Judge> {
         let (line, at) = (alone.so_far().lines, self.greatest);
         alone.line(line, &Event::Input(Input::Tick { at })).ok()?;

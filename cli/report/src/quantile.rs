@@ -67,7 +67,7 @@ enum WrittenQuantile {
 }
 
 impl Response {
-    /// A response time that is known; none never ends.
+    /// Returns a response time that is known; none never ends.
     #[must_use]
     pub fn exactly(at: Option<Duration>) -> Self {
         let at = at.unwrap_or(NEVER);
@@ -113,7 +113,7 @@ pub fn quantiles_among(sure: &[Response], possible: &[Response]) -> [Option<Quan
     })
 }
 
-/// The lowest that a quantile can be: those possible belong if they are no greater, which lowers it.
+/// Returns the lowest that a quantile can be: those possible belong if they are no greater, which lowers it.
 fn lowest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
     let reaches = |time: &Duration| {
         let [sure_below, possible_below] =
@@ -126,7 +126,7 @@ fn lowest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Durat
     [first(sure), first(possible)].into_iter().flatten().min()
 }
 
-/// The greatest that a quantile can be: those possible belong if they are no less, which raises it.
+/// Returns the greatest that a quantile can be: those possible belong if they are no less, which raises it.
 fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
     let is_reached = |time: &Duration| {
         let [sure_below, possible_below] =

@@ -24,12 +24,12 @@ pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
     DropReason::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() })
 }
 
-/// The index of an open's refusal among [`refusals`].
+/// Returns the index of an open's refusal among [`refusals`].
 pub(crate) const fn index_of_open(why: OpenRefusal) -> usize {
     why.index()
 }
 
-/// The index of an offer's refusal among [`refusals`].
+/// Returns the index of an offer's refusal among [`refusals`].
 pub(crate) const fn index_of_offer(why: OfferRefusal) -> usize {
     OpenRefusal::ALL.len() + why.index()
 }

@@ -338,7 +338,7 @@ impl TraceStatistics {
         sums
     }
 
-    /// The messages that ended, for the policies: each with what each known source gave.
+    /// Returns the messages that ended, for the policies: each with what each known source gave.
     ///
     /// Nobody got a refused message. If a call was ended before its result, `planned(source,
     /// opened, t)` returns when the result would have come, counted from the message's instant, if

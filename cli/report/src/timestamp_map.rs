@@ -18,7 +18,7 @@ impl<T> Default for TimestampMap<T> {
 }
 
 impl<T> TimestampMap<T> {
-    /// The value of a timestamp; it is made if there is none.
+    /// Returns the value of a timestamp; it is made if there is none.
     pub(crate) fn or_insert_with(&mut self, t: u64, value: impl FnOnce() -> T) -> &mut T {
         let index = match self.find(t) {
             Some(index) => index,

@@ -46,12 +46,12 @@ impl Entry {
         Self { place, row, ev, at, t: None, p: None, due: None, ids, more }
     }
 
-    /// The messages that it names.
+    /// Returns the messages that it names.
     pub(super) fn messages(&self) -> impl Iterator<Item = &Id> {
         self.t.iter().chain(self.ids.iter().map(|(_, id)| id))
     }
 
-    /// The event's content, without its place.
+    /// Returns the event's content, without its place.
     pub(super) fn content(&self) -> impl Hash + Eq + '_ {
         let Self { ev, at, t, p, due, ids, more, .. } = self;
         (ev, at, t, p, due, ids, more)
@@ -79,7 +79,7 @@ impl Entry {
 }
 
 impl Sources {
-    /// The sources of a header, or any name if there is none yet; `locals` are local's names.
+    /// Returns the sources of a header, or any name if there is none yet; `locals` are local's names.
     pub(super) fn new(header: Option<&Header>, locals: &[String]) -> Self {
         let clouds = header.into_iter().flat_map(|header| &header.clouds);
         let named = clouds.map(|cloud| {
@@ -94,12 +94,12 @@ impl Sources {
         Self { known, found, locals: locals.iter().map(|name| (name.clone(), false)).collect() }
     }
 
-    /// A name of local that the log has not.
+    /// Returns a name of local that the log has not.
     pub(super) fn local_unseen(&self) -> Option<&str> {
         self.locals.iter().find(|(_, is_seen)| !**is_seen).map(|(name, _)| &**name)
     }
 
-    /// The sources found, in the order of their first appearance, without local; as the log calls them.
+    /// Returns the sources found, in the order of their first appearance, without local; as the log calls them.
     pub(super) fn found(&self) -> &[String] {
         self.found.as_deref().unwrap_or_default()
     }
@@ -109,7 +109,7 @@ impl Sources {
         self.found.is_some()
     }
 
-    /// The priority of a source, which the log calls by that or by its name.
+    /// Returns the priority of a source, which the log calls by that or by its name.
     pub(super) fn priority(&mut self, name: &str) -> Result<u64, String> {
         let name = name.trim();
         let number = time::number(name).ok();
@@ -141,7 +141,7 @@ impl Sources {
         self.are_gathered() || self.known.values().any(|known| *known == p)
     }
 
-    /// The names of sources that the header or the log had so far.
+    /// Returns the names of sources that the header or the log had so far.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         let all = self.known.keys().chain(self.found()).chain(self.locals.keys());
         all.map(String::as_str).chain(["local"])

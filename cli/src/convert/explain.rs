@@ -197,7 +197,7 @@ impl Facts {
         self.sources.values().flat_map(|source| &source.deadlines).min().copied()
     }
 
-    /// The tolerance that the log suggests, and why.
+    /// Returns the tolerance that the log suggests, and why.
     fn tolerance(&self) -> (i128, String) {
         let offsets = self.sources.values().flat_map(|source| &source.offsets);
         let early = offsets.min().copied().unwrap_or(0);
@@ -217,7 +217,7 @@ impl Facts {
         (up_to(least, 10), "stamps of one host; nothing in the log asks for more".to_owned())
     }
 
-    /// The lateness that the log suggests, and why.
+    /// Returns the lateness that the log suggests, and why.
     fn lateness(&self) -> (i128, String) {
         let mut waits = self.waits.clone();
         waits.sort_unstable();
@@ -288,18 +288,18 @@ impl SourceFacts {
     }
 }
 
-/// The middle one of sorted times.
+/// Returns the middle one of sorted times.
 fn median(times: &[i128]) -> Option<i128> {
     times.get(times.len() / 2).copied()
 }
 
-/// The shortest and the longest.
+/// Returns the shortest and the longest.
 fn range(times: &[i128]) -> Option<String> {
     let (least, most) = (shown(*times.iter().min()?), shown(*times.iter().max()?));
     Some(if least == most { least } else { format!("{least} to {most}") })
 }
 
-/// The greatest power of ten that divides both; 0 is divided by all.
+/// Returns the greatest power of ten that divides both; 0 is divided by all.
 fn common(step: i128, at: i128) -> i128 {
     let mut common = if step == 0 { 1_000_000_000 } else { step };
     while at % common != 0 {
@@ -308,7 +308,7 @@ fn common(step: i128, at: i128) -> i128 {
     common
 }
 
-/// The least number that is no less, and in some unit of ten below `most`.
+/// Returns the least number that is no less, and in some unit of ten below `most`.
 fn up_to(nanos: i128, most: i128) -> i128 {
     let mut unit = 1;
     while nanos / unit >= most {

@@ -53,7 +53,7 @@ pub(super) const PART: &str = "it is one part of a bag of";
 /// This many bytes at the beginning of a file decide what the file is.
 const START: usize = 1 << 16;
 
-/// The files that these paths stand for; a folder stands for the files of its bag.
+/// Returns the files that these paths stand for; a folder stands for the files of its bag.
 pub(super) fn files(
     paths: &[PathBuf],
     from: Option<Format>,
@@ -84,7 +84,7 @@ pub(super) fn files(
     Ok(files)
 }
 
-/// The files of a bag's folder, in their order.
+/// Returns the files of a bag's folder, in their order.
 fn parts(folder: &Path) -> Option<Vec<PathBuf>> {
     if let Some(parts) = listed(folder) {
         return Some(parts);
@@ -97,7 +97,7 @@ fn parts(folder: &Path) -> Option<Vec<PathBuf>> {
     Some(files)
 }
 
-/// The files that a folder's `metadata.yaml` lists; a file that was packed since has another ending.
+/// Returns the files that a folder's `metadata.yaml` lists; a file that was packed since has another ending.
 fn listed(folder: &Path) -> Option<Vec<PathBuf>> {
     let text = fs::read_to_string(folder.join("metadata.yaml")).ok()?;
     let lines = text.lines().map(str::trim).skip_while(|line| *line != "relative_file_paths:");
@@ -176,7 +176,7 @@ impl LogFile {
         })
     }
 
-    /// A path by which a library can open it that reads files alone; what is packed gets one for now.
+    /// Returns a path by which a library can open it that reads files alone; what is packed gets one for now.
     pub(super) fn on_disk(&self) -> Result<(PathBuf, Option<tempfile::NamedTempFile>), Fault> {
         let read = |error: io::Error| self.problem(&error);
         let mut start = [0; 4];

@@ -56,7 +56,7 @@ impl FrameColumn {
         self.source.as_deref()
     }
 
-    /// The column as a name that the user gave.
+    /// Returns the column as a name that the user gave.
     pub(super) fn named(&self) -> Named<'_> {
         let key = match self.word {
             "by" => "p",
@@ -69,7 +69,7 @@ impl FrameColumn {
     }
 }
 
-/// The events of each row, in order.
+/// Returns the events of each row, in order.
 pub(super) fn views(columns: &[FrameColumn]) -> Result<Vec<View<'_>>, &'static str> {
     if !columns.iter().any(|column| column.word == "open") {
         return Err("no column for open; name it with --frame open=COLUMN");

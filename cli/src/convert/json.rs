@@ -59,7 +59,7 @@ impl<R: BufRead> Iterator for LineRows<R> {
     }
 }
 
-/// The rows of one array of objects.
+/// Returns the rows of one array of objects.
 pub(super) fn array(
     file: &Arc<str>,
     inner: &mut dyn Read,
@@ -78,7 +78,7 @@ pub(super) fn array(
     }))
 }
 
-/// The values of an object by their paths, such as `header.stamp`. Arrays have none; a time of ROS has one of its own too.
+/// Returns the values of an object by their paths, such as `header.stamp`. Arrays have none; a time of ROS has one of its own too.
 pub(super) fn cells_of(json: &[u8]) -> Result<Cells, String> {
     let text = str::from_utf8(json).map_err(|_| "not UTF-8".to_owned())?;
     let mut cells = Vec::new();
@@ -124,7 +124,7 @@ fn flatten(outer: &str, fields: &Fields<'_>, depth: usize, cells: &mut Cells) {
     }
 }
 
-/// The path of a value within another one.
+/// Returns the path of a value within another one.
 pub(super) fn joined(outer: &str, name: &str) -> Arc<str> {
     if outer.is_empty() { name.into() } else { format!("{outer}.{name}").into() }
 }
@@ -138,7 +138,7 @@ pub(super) fn seconds(seconds: i64, nanoseconds: u32) -> String {
     format!("{sign}{}.{:09}s", nanos / 1_000_000_000, nanos % 1_000_000_000)
 }
 
-/// The text with NaN and Infinity as texts; none if it has none.
+/// Returns the text with NaN and Infinity as texts; none if it has none.
 fn quote_nan(text: &str) -> Option<String> {
     let (mut quoted, mut is_text) = (String::with_capacity(text.len() + 16), false);
     // Text ends at a quote, unless an odd number of backslashes is before it.

@@ -28,7 +28,7 @@ pub(super) const EVENTS: [(&str, &[&str]); 14] = [
     ("cancel", &["t", "p"]),
 ];
 
-/// The word among these that a user wrote.
+/// Returns the word among these that a user wrote.
 pub(super) fn word(noun: &str, given: &str, all: &[&'static str]) -> Result<&'static str, String> {
     let known = all.iter().find(|known| **known == given).copied();
     known.ok_or_else(|| format!("no {noun}{given:?}; it is one of {}", all.join(", ")))

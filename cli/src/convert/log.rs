@@ -334,7 +334,7 @@ impl Run {
         self.doubt_instants(notes);
     }
 
-    /// The entries of one event.
+    /// Returns the entries of one event.
     pub(super) fn of(&self, ev: &'static str) -> impl Iterator<Item = &Entry> {
         self.entries.iter().filter(move |entry| entry.ev == ev)
     }

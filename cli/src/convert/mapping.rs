@@ -81,7 +81,7 @@ pub(super) struct Named<'a> {
 }
 
 impl ViewKind {
-    /// The option that names values, and what they are called.
+    /// Returns the option that names values, and what they are called.
     pub(super) const fn option_and_noun(self) -> (&'static str, &'static str) {
         match self {
             Self::Column => ("--column", "column"),
@@ -92,12 +92,12 @@ impl ViewKind {
 }
 
 impl View<'_> {
-    /// The user's name for a key.
+    /// Returns the user's name for a key.
     fn given(&self, key: &str) -> Option<&Named<'_>> {
         self.named.iter().find(|named| named.key == key)
     }
 
-    /// The name under which a key is read, or would be.
+    /// Returns the name under which a key is read, or would be.
     fn name<'v>(&'v self, key: &'v str) -> &'v str {
         self.given(key).map_or(key, |named| &named.name)
     }
@@ -115,7 +115,7 @@ impl View<'_> {
 }
 
 impl Mapping<'_> {
-    /// The event of a row in this view; none if there is none, or it is to be left out.
+    /// Returns the event of a row in this view; none if there is none, or it is to be left out.
     pub(super) fn entry(
         &mut self,
         row: &Row,
@@ -272,7 +272,7 @@ impl Mapping<'_> {
         Problem::of_kind(lacks.unwrap_or(ProblemKind::Row), &row.place, message)
     }
 
-    /// The value of a key in a row, or for all rows.
+    /// Returns the value of a key in a row, or for all rows.
     fn cell<'r>(&self, row: &'r Row, view: &'r View<'_>, key: &'r str) -> Option<&'r str> {
         if !view.reads(key) {
             return None;
@@ -306,7 +306,7 @@ impl Mapping<'_> {
         self.units.get(key).copied().unwrap_or(self.unit)
     }
 
-    /// A time in nanoseconds: an instant or a duration, as `read` reads it.
+    /// Returns a time in nanoseconds: an instant or a duration, as `read` reads it.
     pub(super) fn time(
         &mut self,
         row: &Row,
@@ -334,7 +334,7 @@ impl Mapping<'_> {
         Ok(time.nanos)
     }
 
-    /// A value that cannot be read, by the user's own name for it.
+    /// Returns a value that cannot be read, by the user's own name for it.
     fn wrong(row: &Row, view: &View<'_>, key: &str, text: &str, why: &str) -> Problem {
         let (_, noun) = view.kind.option_and_noun();
         let is_none = time::is_no_value(text) || text == "-1" && !why.contains("--missing");
@@ -343,7 +343,7 @@ impl Mapping<'_> {
         Problem::at(&row.place, format!("{noun} {name:?}: {text:?} is {why}{remedy}"))
     }
 
-    /// A key that a row lacks, by the user's own name for it.
+    /// Returns a key that a row lacks, by the user's own name for it.
     fn lacking(row: &Row, view: &View<'_>, key: &str, ev: &str) -> Problem {
         let of = if ev == "row" { String::new() } else { format!(" of this {ev}") };
         let ((option, noun), name) = (view.kind.option_and_noun(), view.name(key));
@@ -372,7 +372,7 @@ impl Mapping<'_> {
         Problem::of_kind(ProblemKind::Lacks(name.to_owned()), &row.place, message)
     }
 
-    /// The first of these names that occurs nowhere, as an error with those that do.
+    /// Returns the first of these names that occurs nowhere, as an error with those that do.
     pub(super) fn mistyped(&self, option: &str, given: &[Named<'_>]) -> Option<String> {
         let occurs = |named: &Named<'_>| {
             named.name.is_empty() || self.names.has(&named.name) || self.is_constant(named)

@@ -190,7 +190,7 @@ impl From<OptionError> for Fault {
 }
 
 impl Args {
-    /// The files of the log.
+    /// Returns the files of the log.
     fn log_files(&self, notes: &mut Notes) -> Result<Vec<LogFile>, Fault> {
         let files = files::files(&self.files, self.from, notes)?;
         let is_rows = |file: &LogFile| matches!(file.format, Format::Csv | Format::Jsonl);

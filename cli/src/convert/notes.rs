@@ -71,7 +71,7 @@ impl Notes {
         self.0.iter().any(|note| note.kind == kind)
     }
 
-    /// A line for each kind.
+    /// Returns a line for each kind.
     pub(super) fn lines(&self) -> Vec<String> {
         let line = |Note { kind, count, first, detail, remedy }: &Note| {
             let colon = if detail.is_empty() { "" } else { ": " };
@@ -144,7 +144,7 @@ pub(super) fn unknown<'n>(
     format!("no {noun}{space}{name:?} in the file, which {option} names{has}")
 }
 
-/// The names that there are, the closest to another first, for an error.
+/// Returns the names that there are, the closest to another first, for an error.
 pub(super) fn listed<'n>(name: &str, all: impl Iterator<Item = &'n str>) -> String {
     const SHOWN: usize = 12;
     let mut seen = HashSet::new();

@@ -46,7 +46,7 @@ impl PayloadDecoder {
         read.map_err(|why| format!("schema {name}: {why}"))
     }
 
-    /// A message's values by their paths, such as `header.stamp`.
+    /// Returns a message's values by their paths, such as `header.stamp`.
     pub(super) fn cells(&self, data: &[u8]) -> Result<Cells, String> {
         match self {
             Self::Json => json::cells_of(data),

@@ -250,7 +250,7 @@ impl<'a> LogReader<'a> {
         Ok(())
     }
 
-    /// The events of a row: one, those of a frame, or one for each meaning of its topic.
+    /// Returns the events of a row: one, those of a frame, or one for each meaning of its topic.
     fn entries(
         &mut self,
         row: &Row,

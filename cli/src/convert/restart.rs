@@ -111,7 +111,7 @@ fn openings<'l>(log: &'l Log, repeats: &[bool]) -> Vec<Opening<'l>> {
     openings
 }
 
-/// The first entry of an entry's row.
+/// Returns the first entry of an entry's row.
 fn first_of_row(log: &Log, entry: usize) -> usize {
     let row = log.entries[entry].row;
     (0..=entry).rev().take_while(|at| log.entries[*at].row == row).last().unwrap_or(entry)

@@ -70,7 +70,7 @@ impl SpanOptions {
         self.attribute.iter().any(|(known, _)| *known == key)
     }
 
-    /// The name of an attribute.
+    /// Returns the name of an attribute.
     pub(super) fn name(&self, key: &str) -> Cow<'_, str> {
         let given = self.attribute.iter().find(|(known, _)| *known == key);
         given.map_or_else(|| format!("fuseline.{key}").into(), |(_, name)| name.into())
@@ -80,7 +80,7 @@ impl SpanOptions {
         span.row.cell(&self.name(key)).filter(|text| !text.is_empty())
     }
 
-    /// The places of the values of a span's event.
+    /// Returns the places of the values of a span's event.
     pub(super) fn view<'s>(&'s self, event: &'static str, source: Option<&'s str>) -> View<'s> {
         // The message names the source of an output, and the view names the source of a call.
         let keys = KEYS.iter().filter(|key| **key != "p");

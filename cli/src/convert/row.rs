@@ -68,12 +68,12 @@ pub(super) enum ProblemKind {
 }
 
 impl Row {
-    /// A row that has no other time and topic than its values say.
+    /// Returns a row that has no other time and topic than its values say.
     pub(super) const fn new(place: Place, cells: Cells) -> Self {
         Self { place, cells, log_time: None, topic: None }
     }
 
-    /// The value of a name; none if the row lacks it.
+    /// Returns the value of a name; none if the row lacks it.
     pub(super) fn cell(&self, name: &str) -> Option<&str> {
         self.cells.iter().find(|(known, _)| **known == *name).map(|(_, text)| &**text)
     }
@@ -84,7 +84,7 @@ impl Place {
         Self { file: Arc::clone(file), spot }
     }
 
-    /// The place without its file, for a second one in a sentence.
+    /// Returns the place without its file, for a second one in a sentence.
     pub(super) fn within(&self) -> String {
         match &self.spot {
             Spot::Line(line) => format!("line {line}"),
@@ -107,12 +107,12 @@ impl fmt::Display for Place {
 }
 
 impl Problem {
-    /// A problem with the row at this place.
+    /// Returns a problem with the row at this place.
     pub(super) fn at(place: &Place, message: impl Into<String>) -> Self {
         Self::of_kind(ProblemKind::Row, place, message)
     }
 
-    /// A problem with a file as a whole.
+    /// Returns a problem with a file as a whole.
     pub(super) fn of_file(file: &Arc<str>, message: impl Into<String>) -> Self {
         Self::of_kind(ProblemKind::File, &Place::new(file, Spot::File), message)
     }
@@ -126,19 +126,19 @@ impl Problem {
         Self { place: place.clone(), message: message + remedy, kind }
     }
 
-    /// A file of which no more can be read, maybe because it was cut off.
+    /// Returns a file of which no more can be read, maybe because it was cut off.
     pub(super) fn of_read(place: &Place, error: &std::io::Error) -> Self {
         let is_cut = error.kind() == std::io::ErrorKind::UnexpectedEof;
         let kind = if is_cut { ProblemKind::Cut } else { ProblemKind::File };
         Self::of_kind(kind, place, format!("it cannot be read: {error}"))
     }
 
-    /// The problem, without the remedy.
+    /// Returns the problem, without the remedy.
     pub(super) fn without_remedy(&self) -> String {
         self.message.split("; ").next().unwrap_or_default().to_owned()
     }
 
-    /// The remedy, or empty if the message has none.
+    /// Returns the remedy, or empty if the message has none.
     pub(super) fn remedy(&self) -> &str {
         self.message.split_once("; ").map_or("", |(_, remedy)| remedy)
     }

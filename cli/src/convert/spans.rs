@@ -122,7 +122,7 @@ impl SpanReader<'_, '_> {
         unique
     }
 
-    /// The messages by their start; they are numbered if no id is named and none has one.
+    /// Returns the messages by their start; they are numbered if no id is named and none has one.
     fn messages<'s>(&mut self, spans: &[&'s SpanRecord]) -> Vec<SpanMessage<'s>> {
         let is_message = |span: &&&SpanRecord| self.options.role(span) == Some(SpanRole::Message);
         let mut found: Vec<&SpanRecord> = spans.iter().filter(is_message).copied().collect();
@@ -161,7 +161,7 @@ impl SpanReader<'_, '_> {
         }
     }
 
-    /// The message above a span, or above the attempt that it links to.
+    /// Returns the message above a span, or above the attempt that it links to.
     fn message_above(
         &self,
         span: &SpanRecord,
@@ -187,7 +187,7 @@ impl SpanReader<'_, '_> {
         Above::Nothing
     }
 
-    /// A message's open, its end, and its calls.
+    /// Returns a message's open, its end, and its calls.
     fn message(&mut self, message: &SpanMessage<'_>) -> Result<Vec<Entry>, Problem> {
         let SpanMessage { span, calls, .. } = message;
         let mut entries = vec![self.event("open", message, span, span.start, None)?];
@@ -224,7 +224,7 @@ impl SpanReader<'_, '_> {
         Ok(entries)
     }
 
-    /// A call's request, and its result or failure; `attempt` is which of several attempts it is.
+    /// Returns a call's request, and its result or failure; `attempt` is which of several attempts it is.
     fn call(
         &mut self,
         message: &SpanMessage<'_>,
@@ -254,7 +254,7 @@ impl SpanReader<'_, '_> {
         Ok(entries)
     }
 
-    /// An event of a span; its values are the span's attributes, and the message's id.
+    /// Returns an event of a span; its values are the span's attributes, and the message's id.
     fn event(
         &mut self,
         ev: &'static str,

@@ -26,7 +26,7 @@ impl<R: Read> TableRows<R> {
         Ok(Self { file: Arc::clone(file), inner, names })
     }
 
-    /// A name that two columns have.
+    /// Returns a name that two columns have.
     pub(super) fn doubled(&self) -> Option<&str> {
         let is_doubled = |(place, name): &(usize, &Arc<str>)| {
             !name.is_empty() && self.names[..*place].contains(name)

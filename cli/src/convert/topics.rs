@@ -26,7 +26,7 @@ pub(crate) struct TopicChoice {
 
 /// A recording that is being read.
 pub(super) trait Recording {
-    /// The next message of the topics, with which of them it is of; none at the end.
+    /// Returns the next message of the topics, with which of them it is of; none at the end.
     fn message(&mut self) -> Result<Option<RawMessage>, (String, bool)>;
 
     /// All topics so far.
@@ -76,7 +76,7 @@ pub(super) fn topic(text: &str) -> Result<TopicChoice, String> {
     Ok(TopicChoice { name: name.to_owned(), option, event: Some(event), source })
 }
 
-/// The topics that are read, each once.
+/// Returns the topics that are read, each once.
 pub(super) fn names(topics: &[TopicChoice]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for topic in topics {

@@ -165,7 +165,7 @@ impl<'a> RecordedTrace<'a> {
         Problem::of_file(&self.file.name, format!("{error}{remedy}"))
     }
 
-    /// The recording's own header, if it has one.
+    /// Returns the recording's own header, if it has one.
     pub(super) fn header(&mut self) -> Result<Option<AnnotatedHeader>, Problem> {
         match self.line()? {
             Some(Line::Header(header)) => {
@@ -179,7 +179,7 @@ impl<'a> RecordedTrace<'a> {
         }
     }
 
-    /// The next event; none at the end.
+    /// Returns the next event; none at the end.
     fn event(&mut self) -> Result<Option<(Event, Annotations)>, Problem> {
         if let Some(event) = self.first.take() {
             return Ok(Some(event));
@@ -234,7 +234,7 @@ pub(super) fn write_recording(
     })
 }
 
-/// A log without a header.
+/// Returns a log without a header.
 pub(super) fn no_header(file: &LogFile) -> Problem {
     let message = "no header; give one with --header FILE, a file that begins with {\"fuseline\":1,…}; --write-header makes one";
     Problem::of_file(&file.name, message)

@@ -74,7 +74,7 @@ impl GeneratorVersion {
 }
 
 impl Generate {
-    /// The most clouds of a run.
+    /// Returns the most clouds of a run.
     pub(super) fn most_clouds(self) -> u8 {
         self.clouds.unwrap_or(MOST_CLOUDS)
     }
@@ -113,7 +113,7 @@ const NARROW_CLOUDS: u8 = 4;
 const MOST_CLOUDS: u8 = 15;
 
 impl Suite {
-    /// The corpus, and this many generated runs.
+    /// Returns the corpus, and this many generated runs.
     pub(super) fn whole(generator: Generate, generated: u64) -> Result<Self, Fault> {
         let case = |case: &fuseline_traces::corpus::Example| {
             let run = Run::read(case.name, case.trace.as_bytes())?;
@@ -125,7 +125,7 @@ impl Suite {
         Ok(Self { fixed, left_out, generator, generated })
     }
 
-    /// The cases with these names: files, cases of the corpus, generated ones.
+    /// Returns the cases with these names: files, cases of the corpus, generated ones.
     pub(super) fn of(names: &[String], generator: Generate) -> Result<Self, Fault> {
         let case = |name: &String| -> Result<DriveCase, Fault> {
             let (id, name) = (name.clone(), name.clone());
@@ -149,7 +149,7 @@ impl Suite {
         Ok(Self { fixed, left_out: 0, generator, generated: 0 })
     }
 
-    /// The name of a generated case.
+    /// Returns the name of a generated case.
     pub(super) fn id(&self, number: u64) -> String {
         let seed = self.generator.seed;
         match (self.generator.version, number % 2) {
@@ -159,7 +159,7 @@ impl Suite {
         }
     }
 
-    /// A generated case: of the first generator every other one is wide.
+    /// Returns a generated case: of the first generator every other one is wide.
     pub(super) fn case(&self, number: u64) -> DriveCase {
         let id = self.id(number);
         let run = match (self.generator.version, number % 2) {
@@ -170,7 +170,7 @@ impl Suite {
         DriveCase { name: id.clone(), id, run }
     }
 
-    /// The case at a place; none if no case is there.
+    /// Returns the case at a place; none if no case is there.
     pub(super) fn at(&self, place: CasePlace) -> Option<DriveCase> {
         match place {
             CasePlace::Fixed(index) => self.fixed.get(index).cloned(),
@@ -178,7 +178,7 @@ impl Suite {
         }
     }
 
-    /// A digest of the cases, of the first generated ones too, in hexadecimal.
+    /// Returns a digest of the cases, of the first generated ones too, in hexadecimal.
     pub(super) fn hash(&self) -> String {
         let mut hasher = Context::new(&SHA256);
         let mut feed = |case: &DriveCase| {
@@ -198,7 +198,7 @@ impl Suite {
     }
 }
 
-/// The kind, the seed and the number in `g2-SEED-NUMBER`, `g-SEED-NUMBER` or `w-SEED-NUMBER`.
+/// Returns the kind, the seed and the number in `g2-SEED-NUMBER`, `g-SEED-NUMBER` or `w-SEED-NUMBER`.
 fn generated(name: &str) -> Option<(CaseKind, u64, u64)> {
     let (letter, rest) = name.split_once('-')?;
     let kind = match letter {

@@ -103,7 +103,7 @@ fn suite(report: &DriveReport) -> String {
     )
 }
 
-/// The marks that the runs reached and missed, by kind.
+/// Returns the marks that the runs reached and missed, by kind.
 fn reached(report: &DriveReport) -> Vec<(String, String)> {
     let shares = report.reach.shares().into_iter();
     let line = shares.map(|share| {

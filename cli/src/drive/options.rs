@@ -110,7 +110,7 @@ pub(super) enum CommitRules {
 }
 
 impl Args {
-    /// The settings that generated runs share.
+    /// Returns the settings that generated runs share.
     pub(super) const fn generate(&self) -> Generate {
         let commit = match self.commit {
             CommitRules::Eager => Some(Commit::Eager),

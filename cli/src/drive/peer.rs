@@ -198,7 +198,7 @@ impl Peer {
         Ok(())
     }
 
-    /// The next line, without its end.
+    /// Returns the next line, without its end.
     fn line(&mut self, until: Instant) -> Result<&[u8], PeerError> {
         let mut looked = self.consumed;
         loop {
@@ -326,7 +326,7 @@ fn is_done(line: &[u8]) -> bool {
     line == DONE || serde_json::from_slice::<DoneLine>(line).is_ok_and(|done| done.ev == "done")
 }
 
-/// The decision in a line, and what it says of its value.
+/// Returns the decision in a line, and what it says of its value.
 fn decision(line: &[u8]) -> Result<(Decision, ValueKeys), ProtocolViolation> {
     match parse_annotated(line) {
         Ok((Line::Event(Event::Decision(decision)), keys)) => Ok((decision, keys.value())),
@@ -344,7 +344,7 @@ fn first_line(bytes: &[u8]) -> &[u8] {
     bytes.split(|byte| *byte == b'\n').next().unwrap_or_default()
 }
 
-/// The beginning of a line, to show.
+/// Returns the beginning of a line, to show.
 fn shown(line: &[u8]) -> String {
     let text = String::from_utf8_lossy(line);
     let mut shown: String = text.chars().take(SHOWN).collect();

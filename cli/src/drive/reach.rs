@@ -42,7 +42,7 @@ pub(super) struct DriveLimits {
     pub(super) has_values: bool,
 }
 
-/// The lines about it, each with its lead.
+/// Returns the lines about it, each with its lead.
 pub(super) fn lines(extent: &DrivenExtent) -> Vec<(&'static str, String)> {
     let commits: Vec<_> =
         extent.commits.iter().map(|(rule, runs)| format!("{} {rule}", HumanCount(*runs))).collect();
@@ -85,7 +85,7 @@ pub(super) fn lines(extent: &DrivenExtent) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// The part that was not driven, with the option that drives it.
+/// Returns the part that was not driven, with the option that drives it.
 pub(super) fn missing(
     suite: &Suite,
     limits: DriveLimits,
@@ -157,7 +157,7 @@ fn count(number: usize) -> HumanCount {
     HumanCount(number as u64)
 }
 
-/// A duration in its greatest whole unit, for people.
+/// Returns a duration in its greatest whole unit, for people.
 fn duration(nanoseconds: u64) -> String {
     const UNITS: [(u64, &str); 7] = [
         (86_400_000_000_000, "days"),

@@ -97,7 +97,7 @@ impl CaseOutcome {
         }
     }
 
-    /// The mark in a word or two.
+    /// Returns the mark in a word or two.
     pub(super) fn word(self) -> String {
         match self {
             Self::Passes => "pass".to_owned(),
@@ -109,7 +109,7 @@ impl CaseOutcome {
 }
 
 impl ReportedFinding {
-    /// The file or the case that shows it.
+    /// Returns the file or the case that shows it.
     pub(super) fn location(&self) -> String {
         self.saved.last().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
     }
@@ -121,7 +121,7 @@ impl ReportedFinding {
         }
     }
 
-    /// The difference in its smallest run, in lines without colours.
+    /// Returns the difference in its smallest run, in lines without colours.
     pub(super) fn text(&self) -> String {
         plain(|out| self.print_report(out))
     }
@@ -219,7 +219,7 @@ impl DriveReport {
         self.fixed.iter().filter(|(_, mark)| counts(*mark)).count()
     }
 
-    /// The findings, one of each kind.
+    /// Returns the findings, one of each kind.
     pub(super) fn reported(&self) -> impl Iterator<Item = &ReportedFinding> {
         let first = self.findings.first();
         self.findings
@@ -268,7 +268,7 @@ impl DriveReport {
         Ok(())
     }
 
-    /// The part that was not driven.
+    /// Returns the part that was not driven.
     pub(super) fn not_driven(&self) -> Vec<NotDriven> {
         missing(&self.suite, self.limits, &self.extent, &self.reach)
     }

@@ -12,7 +12,7 @@ const PROTOCOL: (&str, &str) = (
     "The command answers each line with its decisions and then done, and ends with code 0 when its input ends.",
 );
 
-/// The report as one verdict.
+/// Returns the report as one verdict.
 pub(super) fn judged(report: &DriveReport) -> Subject {
     let mut problems: Vec<Problem> = report.reported().map(problem).collect();
     problems.extend(report.at_end.as_ref().map(|misbehaviour| Problem {
@@ -30,7 +30,7 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
     }
 }
 
-/// A command that could not be started.
+/// Returns a command that could not be started.
 pub(super) fn not_started(name: &str, why: &str) -> Subject {
     let (name, verdict) = (name.to_owned(), Err(why.to_owned()));
     Subject { name, conforms: false, verdict, problems: Vec::new() }

@@ -227,7 +227,7 @@ impl<'a> CaseRunner<'a> {
         self.report.findings.push(entry);
     }
 
-    /// The cases that show it again, by their names, if names do.
+    /// Returns the cases that show it again, by their names, if names do.
     fn names(&self, need: &Need, name: &str) -> Option<Vec<OsString>> {
         let mut names = Vec::new();
         if let Need::Before { cases, .. } = need {
@@ -239,7 +239,7 @@ impl<'a> CaseRunner<'a> {
         Some(names)
     }
 
-    /// The command line that shows it again.
+    /// Returns the command line that shows it again.
     fn replay(&self, cases: &[OsString], are_files: bool) -> String {
         let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
         if let Some(rule) = self.args.commit.to_possible_value()
@@ -303,7 +303,7 @@ fn is_telling(case: &DriveCase, finding: &DriveFinding) -> bool {
     }
 }
 
-/// The words, quoted for a shell.
+/// Returns the words, quoted for a shell.
 pub(super) fn quoted(words: &[OsString]) -> String {
     let words: Vec<_> = words.iter().map(|word| word.to_string_lossy()).collect();
     let quote = |word: &str| shlex::try_quote(word).map_or_else(|_| word.into(), Into::into);

@@ -70,7 +70,7 @@ impl DriveFinding {
     }
 }
 
-/// The smallest run found that shows what `first` shows, each tried in a new process if it is to be `afresh`; what stops
+/// Returns the smallest run found that shows what `first` shows, each tried in a new process if it is to be `afresh`; what stops
 /// the command ends the search.
 pub(super) fn shrink(bench: &mut Bench, first: DriveFinding, afresh: bool) -> DriveFinding {
     let run = first.reported.run();
@@ -164,7 +164,7 @@ fn number_clouds(run: &mut Run) {
     registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
 }
 
-/// The size of a run for a reader: its inputs first, then its clouds, its digits and its names.
+/// Returns the size of a run for a reader: its inputs first, then its clouds, its digits and its names.
 fn cost(run: &Run) -> (usize, usize, usize, u128) {
     let Run { header: Header { window, clouds, .. }, inputs } = run;
     let odd = |cloud: &Cloud| usize::from(cloud.resume != cloud.limit - 1);
@@ -241,7 +241,7 @@ const fn priority(input: &mut Input) -> Option<&mut u64> {
     }
 }
 
-/// The index of a name among all, from 1.
+/// Returns the index of a name among all, from 1.
 fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
     names.range(..=name).count() as u64
 }

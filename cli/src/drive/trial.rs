@@ -170,7 +170,7 @@ impl Bench {
         }
     }
 
-    /// The process that runs, started if none does.
+    /// Returns the process that runs, started if none does.
     fn peer(&mut self) -> Result<&mut Peer, Interrupted> {
         if self.peer.is_none() {
             let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
@@ -283,7 +283,7 @@ impl Transcript {
         Run { header: self.header.clone(), inputs: self.inputs().collect() }
     }
 
-    /// The line that was sent last.
+    /// Returns the line that was sent last.
     pub(super) fn last(&self) -> String {
         let last = self.inputs().last();
         last.map_or_else(|| self.header.to_string(), |input| input.to_string())

@@ -100,7 +100,7 @@ pub(super) struct WrittenFinding {
 }
 
 impl DriveReport {
-    /// The report as one JSON object.
+    /// Returns the report as one JSON object.
     pub(super) fn json(&self) -> WrittenReport {
         let Suite { generator, generated, .. } = &self.suite;
         let entries = self.findings.iter().map(|entry| {

@@ -113,7 +113,7 @@ impl Frames {
 }
 
 impl TraceFrames<'_> {
-    /// The number of this trace's process, from 1.
+    /// Returns the number of this trace's process, from 1.
     pub(super) fn process(&self) -> usize {
         self.trace + 1
     }
@@ -123,13 +123,13 @@ impl TraceFrames<'_> {
         self.frames.is_first.replace(false)
     }
 
-    /// An instant of this trace on the clock that all share.
+    /// Returns an instant of this trace on the clock that all share.
     pub(super) fn shared(&self, at: u64) -> u64 {
         let offset = self.frames.offsets.get(self.trace).copied().unwrap_or_default();
         u64::try_from(i128::from(at) + offset).unwrap_or(u64::MAX)
     }
 
-    /// The number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
+    /// Returns the number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
     pub(super) fn flow(&self, origin: &Origin, t: u64) -> Option<(usize, FlowPhase)> {
         let key = frame_key(origin)?;
         let SharedFrame { number, messages } = self.frames.shared.get(&key)?;

@@ -197,12 +197,12 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.track(number, &name)
     }
 
-    /// The source of that priority.
+    /// Returns the source of that priority.
     fn source(&self, p: u64) -> Option<u64> {
         Some(p).filter(|p| self.sources.contains_key(&Some(*p)))
     }
 
-    /// The number of a source's first track.
+    /// Returns the number of a source's first track.
     fn first(&mut self, p: u64) -> io::Result<u32> {
         let p = self.source(p);
         if self.sources.get(&p).is_none_or(|source| source.tracks.is_empty()) {
@@ -307,7 +307,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.put(&format!("\"ts\":{},", self.time(at)), &event)
     }
 
-    /// An instant on the clock that all traces of the file share, in microseconds.
+    /// Returns an instant on the clock that all traces of the file share, in microseconds.
     fn time(&self, at: u64) -> String {
         micros(self.frames.shared(at))
     }

@@ -7,7 +7,7 @@ use fuseline_traces::{Annotations, Event};
 /// Takes a trace line by line.
 pub(super) trait TraceViewer {
     fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()>;
-    /// The keys that were omitted so far, because the format has no place for them.
+    /// Returns the keys that were omitted so far, because the format has no place for them.
     fn left_out(&self) -> Vec<String> {
         Vec::new()
     }

@@ -97,7 +97,7 @@ fn again(recording: &Path, args: &Args) -> Result<(), Fault> {
         .map_err(Fault::Output)
 }
 
-/// The folder for plots, if one is wanted.
+/// Returns the folder for plots, if one is wanted.
 fn folder(args: &Args) -> Result<Option<(&Path, Folder)>, Fault> {
     let folder = Folder::open(args.output.as_deref(), args.overwrite.force)?;
     Ok(args.output.as_deref().zip(folder))

@@ -99,7 +99,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// The server to measure the way to.
+    /// Returns the server to measure the way to.
     ///
     /// # Errors
     /// If a file that it is described with is of no use.

@@ -58,7 +58,7 @@ struct RowCells {
 }
 
 impl ProbeRecording {
-    /// The recording at `path`.
+    /// Returns the recording at `path`.
     ///
     /// # Errors
     /// If it cannot be opened.
@@ -103,7 +103,7 @@ impl ProbeRecording {
     }
 }
 
-/// The problem, without the system's text.
+/// Returns the problem, without the system's text.
 fn described(error: &TableError) -> String {
     match error.source.kind() {
         csv::ErrorKind::Io(source) => plain(source),

@@ -131,7 +131,7 @@ pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
     format!("{}: index.html, and as SVG and PNG: {}\n", folder.display(), names.join(", "))
 }
 
-/// A quantile in milliseconds.
+/// Returns a quantile in milliseconds.
 pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
     match quantile {
         Some(Quantile::Exactly(at)) => millis(at),

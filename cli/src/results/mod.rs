@@ -109,7 +109,7 @@ impl Outputs {
 }
 
 impl Subject {
-    /// A trace that was judged.
+    /// Returns a trace that was judged.
     pub(crate) fn found(findings: &Findings) -> Self {
         let summary = findings.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
@@ -130,14 +130,14 @@ impl Subject {
         }
     }
 
-    /// A trace that cannot be read, or not to its end.
+    /// Returns a trace that cannot be read, or not to its end.
     pub(crate) fn unread(name: &Path, fault: &Fault) -> Self {
         let (name, verdict) = (name.display().to_string(), Err(fault.to_string()));
         Self { name, conforms: false, verdict, problems: Vec::new() }
     }
 }
 
-/// A doubt as a problem of the file.
+/// Returns a doubt as a problem of the file.
 fn in_doubt(doubt: &Doubt, file: &str) -> Problem {
     Problem {
         level: if doubt.accepted { Level::Accepted } else { Level::Doubt },

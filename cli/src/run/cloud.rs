@@ -72,7 +72,7 @@ pub(crate) enum CloudError {
 }
 
 impl CloudError {
-    /// The key that is wrong, if it is one.
+    /// Returns the key that is wrong, if it is one.
     pub(crate) fn key(&self) -> Option<&str> {
         match self {
             Self::Key(key) | Self::Twice(key) => Some(key),
@@ -108,7 +108,7 @@ pub(crate) const DEFAULTS: [&str; 2] = [
 ];
 
 impl CloudOptions {
-    /// The cloud with these keys.
+    /// Returns the cloud with these keys.
     ///
     /// # Errors
     /// The first that a key or all together are refused for.
@@ -126,7 +126,7 @@ impl CloudOptions {
         keys.wanted()
     }
 
-    /// The files that its keys name, if they are given.
+    /// Returns the files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
         match &self.address {
             CloudAddress::Emulated { drive, .. } => {
@@ -165,7 +165,7 @@ pub(crate) fn adjust(
     Ok(())
 }
 
-/// The drive and start of the cloud of that name.
+/// Returns the drive and start of the cloud of that name.
 fn find<'a>(
     option: &'static str,
     clouds: &'a mut [CloudOptions],

@@ -33,7 +33,7 @@ pub(crate) enum CloudFileError {
     Type { file: String, line: usize, key: String, value: &'static str },
 }
 
-/// The clouds in a file.
+/// Returns the clouds in a file.
 ///
 /// # Errors
 /// If it cannot be read, is no TOML, or a cloud in it would be refused on the command line.

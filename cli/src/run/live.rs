@@ -53,7 +53,7 @@ impl<'a> RunProgress<'a> {
         self.line.print(format!("warning: {}: {why}", trace.display()));
     }
 
-    /// The time and the state; nothing as it begins.
+    /// Returns the time and the state; nothing as it begins.
     fn shown(&self, elapsed: Duration, tally: &Tally) -> Option<(String, String)> {
         if elapsed.is_zero() || tally.messages == 0 {
             return None;

@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
 }
 
 impl Args {
-    /// The verdict with this doubt, if there is one, and with what is accepted.
+    /// Returns the verdict with this doubt, if there is one, and with what is accepted.
     fn doubted(&self, found: Findings, doubt: Option<Doubt>) -> Findings {
         let found = match doubt {
             Some(doubt) => found.doubting(doubt),

@@ -285,7 +285,7 @@ impl RunPlan {
         RecordedLink { width: self.link, drive }.is_limited()
     }
 
-    /// The drive that says what the link carries: the first cloud's whose recording has it.
+    /// Returns the drive that says what the link carries: the first cloud's whose recording has it.
     pub(crate) fn link_drive(&self) -> Option<&Emulation> {
         self.clouds.iter().filter_map(CloudPlan::emulation).find(|cloud| cloud.drive.has_rates())
     }
@@ -331,7 +331,7 @@ impl CloudPlan {
     }
 }
 
-/// The file for the trace, which must be none of those that the clouds' options name.
+/// Returns the file for the trace, which must be none of those that the clouds' options name.
 fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     let Some(path) = args.trace.as_deref() else { return Ok(TRACE.into()) };
     if is_standard(path) {
@@ -343,7 +343,7 @@ fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     Ok(path.to_owned())
 }
 
-/// The page, which is neither the trace nor standard output.
+/// Returns the page, which is neither the trace nor standard output.
 fn page_of(
     path: Option<&Path>,
     trace: &Path,

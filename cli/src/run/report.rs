@@ -139,7 +139,7 @@ impl RunReport {
         }
     }
 
-    /// The doubt about clouds that answered no request in time, though some failed or ran to their deadlines.
+    /// Returns the doubt about clouds that answered no request in time, though some failed or ran to their deadlines.
     pub(crate) fn silent_clouds(&self) -> Option<Doubt> {
         let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
         let is_silent = |row: &RequestRow| row.answered() == 0 && row.lost() > 0;
@@ -235,7 +235,7 @@ impl Reading {
         }
     }
 
-    /// The messages with all that is known of their results.
+    /// Returns the messages with all that is known of their results.
     fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
         // Local's result either came or is not known; a cloud's call may have been ended. How long it would have waited
         // for a link is not known either.
@@ -293,7 +293,7 @@ fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64>
 /// The row of the third commit rule.
 pub(crate) const PROGRESSIVE: &str = "progressive";
 
-/// The policies to compare, with their names.
+/// Returns the policies to compare, with their names.
 fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
     let mut policies = vec![(ComparedPolicy::Fusion, "fusion".to_owned())];
     let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
@@ -320,7 +320,7 @@ fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
     reasons.iter().chain(others).map(|(why, count)| (why.to_owned(), count)).collect()
 }
 
-/// The remedy if each call broke a connection without TLS.
+/// Returns the remedy if each call broke a connection without TLS.
 fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
     let CloudServer::Remote(remote) = &cloud.server else { return None };
     let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);
@@ -328,7 +328,7 @@ fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static 
         .then_some("if it speaks TLS, give an https URL and a ca")
 }
 
-/// A part of a whole; 0 of nothing.
+/// Returns a part of a whole; 0 of nothing.
 #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
 pub(crate) fn share(part: u64, whole: u64) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }

@@ -27,7 +27,7 @@ impl SentBytes {
         Self { needed: needed.collect(), is_whole: is_whole.collect(), sent }
     }
 
-    /// The bytes that a policy sends, and whether there may be more.
+    /// Returns the bytes that a policy sends, and whether there may be more.
     pub(super) fn of(&self, policy: &ComparedPolicy) -> (u64, bool) {
         let is_at_least = match *policy {
             ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,

@@ -32,14 +32,14 @@ pub(crate) struct Served {
 }
 
 impl Served {
-    /// The user's description of another server, before it was queried.
+    /// Returns the user's description of another server, before it was queried.
     pub(crate) fn reported(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
         Self { model: name, runtime, ap: model.ap, ..Self::default() }
     }
 
-    /// The model on board.
+    /// Returns the model on board.
     pub(crate) fn local(model: &Model) -> Self {
         Self { emulated: true, ..Self::reported(Some(model)) }
     }

@@ -73,7 +73,7 @@ impl fmt::Display for PlanSummary<'_> {
     }
 }
 
-/// The link that all clouds share, in a line; nothing if it has no limit.
+/// Returns the link that all clouds share, in a line; nothing if it has no limit.
 fn link(plan: &RunPlan) -> String {
     let LinkWidth { uplink, downlink, queue_bytes } = plan.link;
     let recorded = plan.link_drive().map(|cloud| cloud.drive.name());
@@ -101,7 +101,7 @@ fn megabits(bits: u64) -> f64 {
     bits as f64 / 1e6
 }
 
-/// The source of the emulated runtimes.
+/// Returns the source of the emulated runtimes.
 fn whose_runtimes(plan: &RunPlan) -> &'static str {
     let clouds = plan.clouds.iter().filter_map(|cloud| Some(&cloud.emulation()?.model));
     let is_own = |model: &Model| !model.has_papers_runtime();
@@ -131,7 +131,7 @@ impl fmt::Display for CloudPlan {
     }
 }
 
-/// The clouds whose models only the user named, a line each.
+/// Returns the clouds whose models only the user named, a line each.
 fn undescribed(plan: &RunPlan) -> String {
     let mut lines = String::new();
     for CloudPlan { name, served, .. } in &plan.clouds {
@@ -180,7 +180,7 @@ impl fmt::Display for MessagesSentence<'_> {
 }
 
 impl RunReport {
-    /// The caveats of the table of policies, wrapped for a terminal.
+    /// Returns the caveats of the table of policies, wrapped for a terminal.
     fn caveats(&self) -> Vec<String> {
         let mut caveats = vec![
             format!(
@@ -234,7 +234,7 @@ impl RunReport {
         caveats
     }
 
-    /// The facts for the page that the trace does not have.
+    /// Returns the facts for the page that the trace does not have.
     pub(crate) fn notes(&self, plan: &RunPlan) -> RunNotes {
         let columns = POLICY_COLUMNS.map(ToOwned::to_owned).to_vec();
         let rows = self.policies.iter().map(|policy| policy.row(self.compared)).collect();
@@ -263,7 +263,7 @@ impl RunReport {
         if lines.is_empty() { lines } else { lines + "\n" }
     }
 
-    /// The gain and the cost of fusion.
+    /// Returns the gain and the cost of fusion.
     fn policies_table(&self) -> Table {
         let mut table = table(POLICY_COLUMNS);
         for policy in &self.policies {
@@ -312,7 +312,7 @@ fn mean_ap(ap: BoundedFigure<f64>) -> String {
     }
 }
 
-/// A part of all messages; `?` where it may be any.
+/// Returns a part of all messages; `?` where it may be any.
 fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     if let Some(exact) = count.exact() {
         return percent(exact, messages);
@@ -327,7 +327,7 @@ fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     range(at_least, at_most, " %")
 }
 
-/// The range between two bounds.
+/// Returns the range between two bounds.
 fn range(at_least: f64, at_most: f64, unit: &str) -> String {
     let (least, most) = (outwards(at_least, f64::floor), outwards(at_most, f64::ceil));
     if at_least > 0.0 {
@@ -361,7 +361,7 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> Strin
     table
 }
 
-/// The options in force.
+/// Returns the options in force.
 fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
     let policy = match plan.policy {
         DeadlinePolicy::Expected => format!("expected, {} AP a millisecond", plan.price_per_ms),

@@ -41,7 +41,7 @@ impl SwerveGeometry {
         Swerve::new(speed, self.lateral, self.steering_rate)
     }
 
-    /// The car, if it brakes from `from` on.
+    /// Returns the car, if it brakes from `from` on.
     fn braking(&self, now: f64, speed: f64, from: f64) -> Rectangle {
         let acting = (now - from).max(0.0);
         let braking = acting.min(speed / self.deceleration);
@@ -97,7 +97,7 @@ impl SwerveGeometry {
         now
     }
 
-    /// The greatest speed up to which it touches nobody, in m/s; none if it always might.
+    /// Returns the greatest speed up to which it touches nobody, in m/s; none if it always might.
     pub(crate) fn greatest(&self, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
         const STEPS: u32 = 1500;
         const STEP: f64 = 0.1;
@@ -112,7 +112,7 @@ impl SwerveGeometry {
     }
 }
 
-/// A car that begins to swerve at `from`.
+/// Returns a car that begins to swerve at `from`.
 fn swerving(swerve: &Swerve, now: f64, from: f64) -> Rectangle {
     let (length, width) = CAR;
     let ([x, y], angle) = swerve.pose((now - from).max(0.0));

@@ -81,7 +81,7 @@ impl PlanCallOutcome {
         }
     }
 
-    /// The answer to the call.
+    /// Returns the answer to the call.
     const fn answer(self) -> Option<PlanReply> {
         let person = Plan { hypothesis: Hypothesis::PERSON_ENTERS, validity: VALIDITY };
         let other = Plan { hypothesis: Hypothesis::CAR_PULLS_OUT, validity: VALIDITY };
@@ -148,7 +148,7 @@ impl Planning {
     }
 }
 
-/// The instants of the planner's messages.
+/// Returns the instants of the planner's messages.
 fn messages() -> impl Iterator<Item = u64> {
     (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX))
 }

@@ -84,7 +84,7 @@ impl Swerve {
         ([x + along, y + across], heading)
     }
 
-    /// The last step that begins by then.
+    /// Returns the last step that begins by then.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundreds")]
     fn index(&self, after: f64) -> usize {
         ((after / self.step) as usize).min(self.places.len() - 1)
@@ -100,7 +100,7 @@ impl Swerve {
         self.step_start(self.places.len() - 1)
     }
 
-    /// The lags of the slip angle and of the yaw rate, in s.
+    /// Returns the lags of the slip angle and of the yaw rate, in s.
     fn lags(&self) -> (f64, f64) {
         let lag = self.speed / STIFFNESS;
         (lag, lag * INERTIA)
@@ -112,14 +112,14 @@ impl Swerve {
         self.rate * (ramp(after) - beyond)
     }
 
-    /// The heading: the yaw rate lags behind the steering angle's.
+    /// Returns the heading: the yaw rate lags behind the steering angle's.
     fn heading(&self, after: f64) -> f64 {
         let (_, lag) = self.lags();
         let ramp = |at: f64| at * at / 2.0 - lag * at - lag * lag * (-at / lag).exp_m1();
         self.speed / WHEELBASE * self.after_ramp(after, ramp)
     }
 
-    /// The angle from the heading to the way of the centre of mass.
+    /// Returns the angle from the heading to the way of the centre of mass.
     fn slip(&self, after: f64) -> f64 {
         let (own, yaw) = self.lags();
         let gain = self.speed / WHEELBASE;
@@ -131,7 +131,7 @@ impl Swerve {
         })
     }
 
-    /// The way between two instants less than two steps apart: the integral of the speed along the way, by Gauss and
+    /// Returns the way between two instants less than two steps apart: the integral of the speed along the way, by Gauss and
     /// Legendre's rule of five places.
     fn driven(&self, from: f64, to: f64) -> Point {
         const PLACES: [(f64, f64); 5] = [
@@ -155,7 +155,7 @@ impl Swerve {
 mod tests {
     use super::*;
 
-    /// The single track's equations, in the small steps of time of Euler.
+    /// Returns the single track's equations, in the small steps of time of Euler.
     fn stepped(speed: f64, lateral: f64, rate: f64, after: f64) -> (Point, f64) {
         const STEPS: u32 = 400_000;
         let step = after / f64::from(STEPS);

@@ -42,7 +42,7 @@ impl ResponsePolicy {
         })
     }
 
-    /// The answering source.
+    /// Returns the answering source.
     pub(crate) const fn approach(self) -> Approach {
         match self {
             Self::Local => Approach::Local,
@@ -112,7 +112,7 @@ pub(crate) fn observe(
     observed
 }
 
-/// The deadline of each request of a run.
+/// Returns the deadline of each request of a run.
 pub(crate) fn deadline(
     mode: ResponsePolicy,
     guard: Option<&Guard>,

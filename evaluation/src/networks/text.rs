@@ -10,7 +10,7 @@ use crate::paint::{BAD, GOOD, paint, written};
 const NAME: usize = 15;
 const CELL: usize = 9;
 
-/// The mean over drives of a figure of the rows: of a speed, or of all.
+/// Returns the mean over drives of a figure of the rows: of a speed, or of all.
 pub(crate) fn mean(
     rows: &[DriveRow],
     speed: Option<f64>,

@@ -106,7 +106,7 @@ pub trait Scale: AsRangedCoord<Value = f64> {}
 
 impl<T: AsRangedCoord<Value = f64>> Scale for T {}
 
-/// A logarithmic scale with a line at each power of ten, between powers of ten.
+/// Returns a logarithmic scale with a line at each power of ten, between powers of ten.
 #[must_use]
 pub fn logarithmic(range: &Range<f64>) -> LogPoints {
     let mut powers = vec![range.start];
@@ -146,7 +146,7 @@ pub struct ChartLine {
 }
 
 impl Axes {
-    /// A chart with a grid and its axes named.
+    /// Returns a chart with a grid and its axes named.
     #[must_use]
     pub fn chart<'a, 'b>(&self, theme: &Theme, canvas: &'a Canvas<'b>) -> Chart<'a, 'b> {
         self.scaled(theme, canvas, (self.x.clone(), self.y.clone()))
@@ -238,7 +238,7 @@ pub fn width(text: &str) -> i32 {
     i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 6
 }
 
-/// A figure without needless digits.
+/// Returns a figure without needless digits.
 fn plain(value: f64) -> String {
     let rounded = (value * 1000.0).round() / 1000.0;
     // -0 is 0.

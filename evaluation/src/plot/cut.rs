@@ -4,7 +4,7 @@ use std::ops::Range;
 
 type ChartPoint = (f64, f64);
 
-/// The pieces of a line that lie between the edges.
+/// Returns the pieces of a line that lie between the edges.
 pub(super) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<ChartPoint>> {
     let mut pieces: Vec<Vec<ChartPoint>> = Vec::new();
     for pair in line.windows(2) {

@@ -40,7 +40,7 @@ pub enum FolderError {
 }
 
 impl Folder {
-    /// The folder at `path`, if one is wanted.
+    /// Returns the folder at `path`, if one is wanted.
     ///
     /// # Errors
     /// If it is not there and cannot be made, takes no files, or is not empty and its files are not to be replaced:
@@ -74,7 +74,7 @@ impl Folder {
         Ok(())
     }
 
-    /// A file with a temporary name, which is gone unless it is persisted.
+    /// Returns a file with a temporary name, which is gone unless it is persisted.
     fn unfinished(&self) -> io::Result<NamedTempFile> {
         let mut builder = Builder::new();
         #[cfg(unix)]

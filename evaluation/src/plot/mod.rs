@@ -36,7 +36,7 @@ pub struct Drawing {
 }
 
 impl Plot {
-    /// A plot that draws itself.
+    /// Returns a plot that draws itself.
     pub fn new(
         name: &'static str,
         caption: impl Into<String>,

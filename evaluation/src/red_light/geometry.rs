@@ -89,7 +89,7 @@ impl Variant {
 }
 
 impl Intersection {
-    /// The runner's way, of length 1.
+    /// Returns the runner's way, of length 1.
     pub(crate) fn heading(&self) -> Point {
         let (across, along) = self.heading.to_radians().sin_cos();
         [along, across]
@@ -126,7 +126,7 @@ impl CrossingGeometry {
         ego_at(self.intersection.ego_at + self.ego_speed * (now - MEETING) - lost)
     }
 
-    /// The runner at an instant; it never brakes.
+    /// Returns the runner at an instant; it never brakes.
     pub(crate) fn runner(&self, now: f64) -> Rectangle {
         let (length, width) = CAR;
         let ([x, y], heading) = (self.intersection.runner_at, self.intersection.heading());

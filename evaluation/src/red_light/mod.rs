@@ -238,7 +238,7 @@ impl Args {
     }
 }
 
-/// The name of a run's files.
+/// Returns the name of a run's files.
 fn name(crossing: &Crossing<'_>, round_trip: Option<f64>) -> String {
     let intersection = crossing.geometry.intersection.name.replace(' ', "-");
     let trip = round_trip.map(|trip| format!("-r{trip}")).unwrap_or_default();

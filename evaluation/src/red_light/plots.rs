@@ -15,7 +15,7 @@ const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
 /// The top of the picture, below the text.
 const TOP: f64 = 104.0;
 
-/// A picture of each variant, at the delta nearest to 0.
+/// Returns a picture of each variant, at the delta nearest to 0.
 pub(crate) fn plots(args: &Args, result: &RedLightResult) -> Vec<Plot> {
     let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
     let delta = nearest.unwrap_or_default();

@@ -105,7 +105,7 @@ impl Jam {
         places.map(|index| (2.0 * index + 1.0) / width).collect()
     }
 
-    /// The deadline of each request of *ours*.
+    /// Returns the deadline of each request of *ours*.
     pub(crate) fn deadline(&self, speed: f64, response: f64) -> Duration {
         let situation = self.vehicle.situation(speed);
         let cap = self.guard.map_or(Duration::MAX, |guard| guard.judge(&situation).deadline);

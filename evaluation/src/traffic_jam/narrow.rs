@@ -62,7 +62,7 @@ pub(crate) struct CloudOnlySpeeds {
     pub(crate) up_to: f64,
 }
 
-/// The cells of the paper's table; local's stand once for all responses.
+/// Returns the cells of the paper's table; local's stand once for all responses.
 fn table() -> Vec<(CellParameters, bool)> {
     let paper = &PAPER.traffic_jam;
     let mut cells = Vec::new();
@@ -88,7 +88,7 @@ pub(crate) fn holds(vehicle: Vehicle, deadline: DeadlineChoice) -> bool {
     table().par_iter().all(|(question, collides)| jam.is(question, *collides).unwrap_or(false))
 }
 
-/// The interval of each parameter, the others as they are; none if the table is not reproduced to begin with.
+/// Returns the interval of each parameter, the others as they are; none if the table is not reproduced to begin with.
 pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
     type ParameterChange = fn(&mut Vehicle) -> &mut f64;
     let parameters: [(&str, ParameterChange); 6] = [
@@ -139,7 +139,7 @@ pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
     table().iter().filter(|cell| differs(cell)).count()
 }
 
-/// The outcomes of constant deadlines.
+/// Returns the outcomes of constant deadlines.
 pub(crate) fn constants(vehicle: Vehicle) -> Constants {
     let constant = |deadline| ConstantMisses { deadline, misses: misses(vehicle, deadline) };
     let some = CONSTANTS.map(constant).to_vec();
@@ -160,7 +160,7 @@ fn colour(
     Ok(jam.cell(&CellParameters { speed, approach, response }, None)?.outcome)
 }
 
-/// The cloud's model on board, at the paper's speeds.
+/// Returns the cloud's model on board, at the paper's speeds.
 pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, ScenarioError> {
     let board = vehicle.with_model_on_board(ON_BOARD);
     let alone = |local_serial, speed| {
@@ -184,7 +184,7 @@ pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, Sc
     Ok(both.map(|(above, up_to)| CloudOnlySpeeds { above, up_to }))
 }
 
-/// The least speed from 5 m/s on, to a hundredth, of which something is true.
+/// Returns the least speed from 5 m/s on, to a hundredth, of which something is true.
 fn first(is: impl Fn(f64) -> Result<bool, ScenarioError>) -> Result<Option<f64>, ScenarioError> {
     for step in 5..60 {
         if is(f64::from(step))? {

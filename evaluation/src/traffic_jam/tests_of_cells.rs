@@ -19,7 +19,7 @@ const PIPELINED: Vehicle = Vehicle {
     reveal: None,
 };
 
-/// The guard's deadline.
+/// Returns the guard's deadline.
 pub(crate) fn guard(vehicle: &Vehicle, speed: f64) -> Duration {
     Jam::new(*vehicle, DeadlineChoice::Guard).unwrap().deadline(speed, 0.0)
 }

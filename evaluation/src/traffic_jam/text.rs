@@ -84,7 +84,7 @@ fn shown(cell: &Cell) -> (String, anstyle::Style) {
     }
 }
 
-/// The deadline of a row, if it is one.
+/// Returns the deadline of a row, if it is one.
 fn deadline(row: &[Cell]) -> String {
     let first = row.first().and_then(|cell| cell.deadline);
     let is_one = row.iter().all(|cell| cell.deadline == first);

@@ -24,7 +24,7 @@ pub struct SourceDecision {
     pub conditions: Vec<String>,
 }
 
-/// The file with calls around its decisions, which are added to `decisions`.
+/// Returns the file with calls around its decisions, which are added to `decisions`.
 pub(crate) fn instrument(
     file: &str,
     text: &str,
@@ -79,7 +79,7 @@ impl Instrumenter<'_> {
         text.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
-    /// The text with everything put in.
+    /// Returns the text with everything put in.
     fn rewritten(mut self) -> String {
         // Stable: what was put in first at a place stands first there.
         self.insertions.sort_by_key(|(at, _)| *at);

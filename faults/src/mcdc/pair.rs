@@ -22,7 +22,7 @@ pub struct IndependencePair<'a> {
 }
 
 impl Evaluation {
-    /// A line of the record: the decision's number, its conditions, the outcome, the test.
+    /// Returns a line of the record: the decision's number, its conditions, the outcome, the test.
     pub(crate) fn parse(line: &str) -> Option<(usize, Self)> {
         let mut words = line.splitn(4, ' ');
         let decision = words.next()?.parse().ok()?;
@@ -39,12 +39,12 @@ impl Evaluation {
 }
 
 impl<'a> IndependencePair<'a> {
-    /// The tests that took them.
+    /// Returns the tests that took them.
     pub(crate) fn tests(self) -> [&'a str; 2] {
         [&self.holds.test, &self.fails.test]
     }
 
-    /// The first pair that shows a condition, if there is one.
+    /// Returns the first pair that shows a condition, if there is one.
     pub(crate) fn find(evaluations: &'a BTreeSet<Evaluation>, condition: usize) -> Option<Self> {
         let with = |wanted: bool| {
             evaluations.iter().filter(move |it| it.conditions.get(condition) == Some(&Some(wanted)))

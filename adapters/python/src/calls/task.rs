@@ -216,7 +216,7 @@ impl SourceCall {
         Ok(None)
     }
 
-    /// The result, and whether it is to be awaited.
+    /// Returns the result, and whether it is to be awaited.
     fn value_of<'py>(
         &self,
         py: Python<'py>,
@@ -266,7 +266,7 @@ impl SourceCall {
     }
 }
 
-/// The object by which a coroutine is awaited.
+/// Returns the object by which a coroutine is awaited.
 fn steps_of<'py>(coroutine: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyIterator>> {
     let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
     Ok(steps.cast_into::<PyIterator>()?)

@@ -39,7 +39,7 @@ impl PyCounting {
         counts
     }
 
-    /// The deadline in force of each cloud that was offered a message: its name, the nanoseconds, and why.
+    /// Returns the deadline in force of each cloud that was offered a message: its name, the nanoseconds, and why.
     fn deadlines(&self) -> Vec<(String, u64, &'static str)> {
         let tally = self.counting.tally();
         let in_force = tally.sources.iter().filter_map(|source| {
@@ -59,7 +59,7 @@ impl PyCounting {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }
 
-    /// The longest that the loop was held up, in nanoseconds; 0 if it never was for longer than the warning allows.
+    /// Returns the longest that the loop was held up, in nanoseconds; 0 if it never was for longer than the warning allows.
     #[getter]
     fn greatest_lag(&self) -> u64 {
         nanos(self.counting.tally().greatest_lag)

@@ -128,7 +128,7 @@ impl LifecycleServices {
         Some(PendingTransition { reply, done })
     }
 
-    /// The state in which the current transition ends. After an error everything is closed, and the
+    /// Returns the state in which the current transition ends. After an error everything is closed, and the
     /// node starts again.
     fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
         let mut next = result;

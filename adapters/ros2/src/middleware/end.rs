@@ -102,12 +102,12 @@ impl Endpoint {
         self.peers(|peers| peers.matched.len())
     }
 
-    /// The peers found whose quality of service does not fit.
+    /// Returns the peers found whose quality of service does not fit.
     pub(crate) fn incompatible(&self) -> Option<Incompatible> {
         self.peers(|peers| peers.incompatible.clone())
     }
 
-    /// The message type of a peer that has another one, if there is such a peer.
+    /// Returns the message type of a peer that has another one, if there is such a peer.
     pub(crate) fn other_type(&self) -> Option<String> {
         self.peers(|peers| peers.strangers.values().next().cloned())
     }
@@ -179,7 +179,7 @@ impl Endpoint {
     }
 }
 
-/// A message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
+/// Returns a message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
 pub(super) fn dds_type(ty: &str) -> String {
     match ty.rsplit_once('/') {
         Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),

@@ -129,7 +129,7 @@ impl ZenohSession {
         apart(move || drop(self)).await;
     }
 
-    /// The node's full name.
+    /// Returns the node's full name.
     pub(crate) fn node(&self) -> String {
         self.shared.owner.node.full()
     }
@@ -434,7 +434,7 @@ impl Publish for SerializedPublisher {
     }
 }
 
-/// The message with its encapsulation header; the body is not copied.
+/// Returns the message with its encapsulation header; the body is not copied.
 fn zbytes(payload: &Payload) -> ZBytes {
     let mut bytes = ZBytes::writer();
     bytes.append(payload.encapsulation().to_vec().into());

@@ -20,7 +20,7 @@ pub(crate) fn value(value: &Value) -> raw::ParameterValue {
     value.into()
 }
 
-/// The value that ROS means; none if no parameter of this node has its type.
+/// Returns the value that ROS means; none if no parameter of this node has its type.
 pub(super) fn read(value: raw::ParameterValue) -> Option<Value> {
     match value.into() {
         ParameterValue::Boolean(value) => Some(Value::Bool(value)),

@@ -27,7 +27,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// The value as a number, if it is a double or an integer.
+    /// Returns the value as a number, if it is a double or an integer.
     #[must_use]
     pub fn number(&self) -> Option<f64> {
         match self {
@@ -103,7 +103,7 @@ impl fmt::Debug for YamlDisplay<'_, String> {
     }
 }
 
-/// The value of text without quotes; none for null.
+/// Returns the value of text without quotes; none for null.
 ///
 /// The words for true and false are as in YAML 1.1; `0x` and `0` begin hexadecimal and octal
 /// integers.
@@ -150,7 +150,7 @@ fn integer(text: &str) -> Option<i64> {
     i64::from_str_radix(&format!("{sign}{digits}"), radix).ok()
 }
 
-/// A list, if all values are of one type and are not lists themselves.
+/// Returns a list, if all values are of one type and are not lists themselves.
 fn list_of(values: Vec<Value>) -> Option<Value> {
     let mut values = values.into_iter();
     let mut list = match values.next() {

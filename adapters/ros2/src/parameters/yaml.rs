@@ -64,7 +64,7 @@ pub enum YamlError {
     Documents,
 }
 
-/// The document in the text, if there is one.
+/// Returns the document in the text, if there is one.
 ///
 /// # Errors
 /// The first thing that is wrong, with its position.
@@ -106,7 +106,7 @@ impl<'a> YamlReader<'a> {
         }
     }
 
-    /// The value that begins with the event, `depth` levels down.
+    /// Returns the value that begins with the event, `depth` levels down.
     fn node(&mut self, event: Event<'a>, mark: Position, depth: usize) -> YamlResult<Node> {
         if depth > NESTING {
             return Err((mark, YamlError::Deep));

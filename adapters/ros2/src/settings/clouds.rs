@@ -101,7 +101,7 @@ fn answerable(rate: f64, deadline: Duration) -> i64 {
     ((rate * deadline.as_secs_f64()) as i64).max(1)
 }
 
-/// The topic of its late results, if there is to be one.
+/// Returns the topic of its late results, if there is to be one.
 fn hints(
     r: &mut ParameterReader,
     cloud: &str,

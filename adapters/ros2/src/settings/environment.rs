@@ -37,7 +37,7 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
         (self.0)(variable).filter(|value| !value.is_empty())
     }
 
-    /// The parameters that variables stand for.
+    /// Returns the parameters that variables stand for.
     ///
     /// # Errors
     /// If security is to be enforced, which the node does not have.

@@ -243,7 +243,7 @@ const fn changeable(name: &'static str, kind: Kind, preset: Preset, about: &'sta
     Spec { at_run_time: true, ..fixed(name, kind, preset, about) }
 }
 
-/// The line of a parameter, by its own name or that of a cloud's.
+/// Returns the line of a parameter, by its own name or that of a cloud's.
 pub(super) fn spec(name: &str) -> Option<&'static Spec> {
     let part = name.split_once('.').map(|(_, part)| part);
     let of_cloud = |spec: &&Spec| part.is_some_and(|part| is_part(spec.name, part));
@@ -266,7 +266,7 @@ fn is_part(name: &str, part: &str) -> bool {
 }
 
 impl Kind {
-    /// The words for such a value.
+    /// Returns the words for such a value.
     pub(super) fn expected(self, deadlines: DeadlineBound) -> String {
         match self {
             Self::Flag => "true or false".to_owned(),
@@ -288,7 +288,7 @@ impl Kind {
         }
     }
 
-    /// The bounds of a number.
+    /// Returns the bounds of a number.
     pub(super) fn range(self, deadlines: DeadlineBound) -> Option<Range> {
         match self {
             Self::Integer(least, most) => Some(Range::Integer(least, most)),
@@ -300,7 +300,7 @@ impl Kind {
 }
 
 impl Preset {
-    /// The value; none if it depends on more.
+    /// Returns the value; none if it depends on more.
     pub(super) fn value(self) -> Option<Value> {
         Some(match self {
             Self::Flag(flag) => Value::Bool(flag),

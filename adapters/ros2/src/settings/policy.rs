@@ -80,7 +80,7 @@ impl PolicyKind {
 }
 
 impl DeadlineSettings {
-    /// A policy for one cloud; none if deadlines stay as set.
+    /// Returns a policy for one cloud; none if deadlines stay as set.
     ///
     /// # Errors
     /// If there is no policy with these figures.

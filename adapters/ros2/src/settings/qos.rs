@@ -54,7 +54,7 @@ pub struct Qos {
 }
 
 impl Qos {
-    /// The default: subscriptions are best effort, as for sensor data; publishers are reliable, which
+    /// Returns the default: subscriptions are best effort, as for sensor data; publishers are reliable, which
     /// suits any subscriber.
     #[must_use]
     pub const fn of(role: Role) -> Self {

@@ -93,7 +93,7 @@ impl<'a> ParameterReader<'a> {
         })
     }
 
-    /// A list of texts.
+    /// Returns a list of texts.
     pub(super) fn names(&mut self, name: &str) -> Result<LocatedValue<Vec<String>>, SettingsError> {
         self.read(name, None, |value| match value {
             Value::Strings(names) => Some(names.clone()),
@@ -150,7 +150,7 @@ impl<'a> ParameterReader<'a> {
         flag.map(|flag| flag.value)
     }
 
-    /// A time, by the kind of the parameter.
+    /// Returns a time, by the kind of the parameter.
     pub(super) fn seconds(&mut self, name: &str) -> Result<Duration, SettingsError> {
         let (kind, bound) = (line(name).kind, self.deadlines);
         let seconds = self.read(name, None, |value| match kind {
@@ -162,14 +162,14 @@ impl<'a> ParameterReader<'a> {
         seconds.map(|seconds| seconds.value)
     }
 
-    /// The greatest deadline, which bounds those that are read after it.
+    /// Returns the greatest deadline, which bounds those that are read after it.
     pub(super) fn greatest_deadline(&mut self) -> Result<Duration, SettingsError> {
         let greatest = self.seconds(GREATEST_DEADLINE)?;
         self.deadlines = DeadlineBound(greatest);
         Ok(greatest)
     }
 
-    /// A number of at least 0.
+    /// Returns a number of at least 0.
     pub(super) fn figure(
         &mut self,
         name: &str,
@@ -192,13 +192,13 @@ impl<'a> ParameterReader<'a> {
         SettingsError::Value { origin, name, value, expected }
     }
 
-    /// A file's path; an empty one is none, and the default.
+    /// Returns a file's path; an empty one is none, and the default.
     pub(super) fn path(&mut self, name: &str) -> Result<Option<PathBuf>, SettingsError> {
         let path = self.text(name, None)?.value;
         Ok(Some(path).filter(|path| !path.is_empty()).map(PathBuf::from))
     }
 
-    /// A topic's full name; none if it is empty, and so is its default.
+    /// Returns a topic's full name; none if it is empty, and so is its default.
     pub(super) fn topic(
         &mut self,
         parameter: &str,
@@ -225,7 +225,7 @@ impl<'a> ParameterReader<'a> {
         self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
     }
 
-    /// A published topic that has no parameter.
+    /// Returns a published topic that has no parameter.
     pub(super) fn fixed_topic(
         &mut self,
         name: &str,
@@ -347,7 +347,7 @@ impl<'a> ParameterReader<'a> {
     }
 }
 
-/// The line of a parameter that is read.
+/// Returns the line of a parameter that is read.
 fn line(name: &str) -> &'static Spec {
     spec(name).unwrap_or_else(|| unreachable!("{name} is in no line of the table"))
 }

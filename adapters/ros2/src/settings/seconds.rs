@@ -13,19 +13,19 @@ pub(super) const GREATEST_DEADLINE: &str = "greatest_deadline";
 /// Their bounds.
 pub(super) const MOST_SECONDS: Range = Range::Double(0.0, 1e9);
 
-/// A valid deadline: more than 0 when rounded to nanoseconds, at most 10⁹ seconds.
+/// Returns a valid deadline: more than 0 when rounded to nanoseconds, at most 10⁹ seconds.
 #[must_use]
 pub fn seconds(seconds: f64) -> Option<Duration> {
     let time = Duration::try_from_secs_f64(seconds).ok()?;
     (time > Duration::ZERO && time <= Duration::from_secs(1_000_000_000)).then_some(time)
 }
 
-/// A number of seconds as a time.
+/// Returns a number of seconds as a time.
 pub(super) fn seconds_of(value: &Value) -> Option<Duration> {
     value.number().and_then(seconds)
 }
 
-/// A number of seconds as a time; zero is allowed.
+/// Returns a number of seconds as a time; zero is allowed.
 pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
     match value.number()? {
         0.0 => Some(Duration::ZERO),
@@ -38,33 +38,33 @@ pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
 pub(super) struct DeadlineBound(pub(super) Duration);
 
 impl DeadlineBound {
-    /// A deadline.
+    /// Returns a deadline.
     pub(super) fn deadline(self, value: &Value) -> Option<Duration> {
         seconds_of(value).filter(|deadline| *deadline <= self.0)
     }
 
-    /// A deadline, or zero for another parameter's.
+    /// Returns a deadline, or zero for another parameter's.
     pub(super) fn own_deadline(self, value: &Value) -> Option<Duration> {
         own_seconds(value).filter(|deadline| *deadline <= self.0)
     }
 
-    /// The words for a deadline that is expected.
+    /// Returns the words for a deadline that is expected.
     pub(super) fn expected(self) -> String {
         format!("seconds, more than 0 and at most {GREATEST_DEADLINE} ({})", self.0.as_secs_f64())
     }
 
-    /// The words for a cloud's own deadline that is expected.
+    /// Returns the words for a cloud's own deadline that is expected.
     pub(super) fn own_expected(self) -> String {
         format!("{}, or 0 for deadline", self.expected())
     }
 
-    /// The bounds as a parameter's.
+    /// Returns the bounds as a parameter's.
     pub(super) fn range(self) -> Range {
         Range::Double(0.0, self.0.as_secs_f64())
     }
 }
 
-/// A cloud's own deadline; zero means `deadline`.
+/// Returns a cloud's own deadline; zero means `deadline`.
 pub(super) fn none_if_zero(time: Duration) -> Option<Duration> {
     Some(time).filter(|time| !time.is_zero())
 }

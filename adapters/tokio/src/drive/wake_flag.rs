@@ -88,7 +88,7 @@ impl DriverWaker {
         }
     }
 
-    /// The bits of the slots that were woken.
+    /// Returns the bits of the slots that were woken.
     pub(super) fn take_woken(&self) -> u64 {
         self.woken.swap(0, Ordering::AcqRel)
     }

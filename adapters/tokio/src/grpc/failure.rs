@@ -17,7 +17,7 @@ impl CallError {
     /// The words for a connection that broke.
     pub const BROKE: &str = "the connection broke";
 
-    /// The status from the server, or from the connection to it.
+    /// Returns the status from the server, or from the connection to it.
     #[must_use]
     pub const fn status(&self) -> &Status {
         &self.0

@@ -48,7 +48,7 @@ impl ConstantPolicy {
 }
 
 impl ConstantPolicy {
-    /// The response and whose result may be there before `in_time`, whatever the unknown arrivals
+    /// Returns the response and whose result may be there before `in_time`, whatever the unknown arrivals
     /// are.
     ///
     /// With one deadline for all requests, the machine forwards the best result that arrives before all better

@@ -12,7 +12,7 @@ pub struct BoundedFigure<T> {
 }
 
 impl<T: Copy + PartialOrd> BoundedFigure<T> {
-    /// A figure that is known.
+    /// Returns a figure that is known.
     #[must_use]
     pub const fn exactly(value: T) -> Self {
         Self { at_least: value, at_most: value }
@@ -32,13 +32,13 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
         figures.reduce(wider).expect("a message has an outcome")
     }
 
-    /// The value, if it is known.
+    /// Returns the value, if it is known.
     #[must_use]
     pub fn exact(self) -> Option<T> {
         (self.at_least == self.at_most).then_some(self.at_least)
     }
 
-    /// The bounds mapped, by what keeps their order.
+    /// Returns the bounds mapped, by what keeps their order.
     #[must_use]
     pub fn map<U>(self, map: impl Fn(T) -> U) -> BoundedFigure<U> {
         BoundedFigure { at_least: map(self.at_least), at_most: map(self.at_most) }
@@ -58,7 +58,7 @@ impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
 }
 
 impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
-    /// The number; `{"at_least":…,"at_most":…}` where it is not known.
+    /// Returns the number; `{"at_least":…,"at_most":…}` where it is not known.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let Self { at_least, at_most } = *self;
         let bounds = WrittenFigure::Bounds { at_least, at_most };

@@ -49,12 +49,12 @@ impl MessageSums {
         self.responses[source].push(Response::exactly(Some(response)));
     }
 
-    /// The quantiles of one source's response times.
+    /// Returns the quantiles of one source's response times.
     pub(super) fn response_of(&self, source: usize) -> [Option<Quantile>; 3] {
         quantiles(self.responses.get(source).map_or(&[], Vec::as_slice))
     }
 
-    /// The quantiles of all, with as many that never end.
+    /// Returns the quantiles of all, with as many that never end.
     pub(super) fn response_of_all(&self, never: u64) -> [Option<Quantile>; 3] {
         let mut all = self.responses.concat();
         let never = usize::try_from(never).unwrap_or(0);

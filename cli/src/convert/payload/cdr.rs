@@ -64,7 +64,7 @@ pub(in crate::convert) enum CdrError {
 }
 
 impl CdrLayout {
-    /// The values of a message by their paths, such as `header.stamp.sec`; those in arrays are passed over.
+    /// Returns the values of a message by their paths, such as `header.stamp.sec`; those in arrays are passed over.
     pub(super) fn read(&self, data: &[u8]) -> Result<Cells, CdrError> {
         let (kind, body) = data.split_at_checked(4).ok_or(CdrError::Short("the header"))?;
         let is_little = match u16::from_be_bytes([kind[0], kind[1]]) {
@@ -173,7 +173,7 @@ impl<'d> FieldReader<'d> {
         Ok(())
     }
 
-    /// A number's bytes, which lie at a multiple of their length.
+    /// Returns a number's bytes, which lie at a multiple of their length.
     fn take(&mut self, size: usize) -> Result<&'d [u8], CdrError> {
         let at = self.at.next_multiple_of(size);
         let bytes = self.body.get(at..at + size).ok_or(CdrError::Short("a number"))?;
@@ -188,7 +188,7 @@ impl<'d> FieldReader<'d> {
         Ok(if is_little { bytes.iter().rev().fold(0, fold) } else { bytes.iter().fold(0, fold) })
     }
 
-    /// A text: its length with the NUL at its end, then itself.
+    /// Returns a text: its length with the NUL at its end, then itself.
     fn text(&mut self) -> Result<String, CdrError> {
         let len = usize::try_from(self.unsigned(4)?).unwrap_or(usize::MAX);
         let end = self.at.checked_add(len);

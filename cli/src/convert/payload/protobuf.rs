@@ -8,13 +8,13 @@ use crate::convert::row::Cells;
 /// Messages within messages are read to this depth.
 const DEPTH: usize = 16;
 
-/// The type of this name among the descriptors, a `FileDescriptorSet`.
+/// Returns the type of this name among the descriptors, a `FileDescriptorSet`.
 pub(super) fn message_type(name: &str, descriptors: &[u8]) -> Result<MessageDescriptor, String> {
     let pool = DescriptorPool::decode(descriptors).map_err(|error| error.to_string())?;
     pool.get_message_by_name(name).ok_or_else(|| "the descriptors lack it".to_owned())
 }
 
-/// The values of a message by their paths, such as `header.stamp`; lists, maps and bytes have none.
+/// Returns the values of a message by their paths, such as `header.stamp`; lists, maps and bytes have none.
 pub(super) fn cells(of: &MessageDescriptor, data: &[u8]) -> Result<Cells, String> {
     let message = DynamicMessage::decode(of.clone(), data).map_err(|error| error.to_string())?;
     let mut cells = Vec::new();
@@ -56,7 +56,7 @@ fn gather(outer: &str, message: &DynamicMessage, depth: usize, cells: &mut Cells
     }
 }
 
-/// A `Timestamp` or `Duration`.
+/// Returns a `Timestamp` or `Duration`.
 fn time(message: &DynamicMessage) -> Option<String> {
     let of = message.descriptor();
     if !matches!(of.full_name(), "google.protobuf.Timestamp" | "google.protobuf.Duration") {

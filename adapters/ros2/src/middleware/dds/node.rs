@@ -212,7 +212,7 @@ where
     }
 }
 
-/// An error about a topic or service.
+/// Returns an error about a topic or service.
 fn refusal(name: &str) -> impl Fn(&dyn std::fmt::Display) -> NodeError + use<> {
     let name = name.to_owned();
     move |error| NodeError::Ros(format!("{name}: {error}"))

@@ -20,7 +20,7 @@ const USUAL: [(&str, &str); 6] = [
     ("timestamping/enabled", "true"),
 ];
 
-/// The configuration that the environment selects.
+/// Returns the configuration that the environment selects.
 ///
 /// # Errors
 /// The file cannot be read, or what changes it is not a part of it.

@@ -29,7 +29,7 @@ enum TypeState {
 }
 
 impl Types {
-    /// The hash of a type, if it is known by now.
+    /// Returns the hash of a type, if it is known by now.
     pub(super) fn known(&self, type_name: &str) -> Option<String> {
         if let Some(hash) = own(type_name) {
             return Some(hash.to_owned());
@@ -188,7 +188,7 @@ const OWN: [(&str, &str); 16] = [
     ),
 ];
 
-/// The hash of a type of the node's own topics and services.
+/// Returns the hash of a type of the node's own topics and services.
 fn own(type_name: &str) -> Option<&'static str> {
     OWN.iter().find(|(name, _)| *name == type_name).map(|(_, hash)| *hash)
 }

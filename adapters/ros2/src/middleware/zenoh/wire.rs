@@ -76,12 +76,12 @@ impl TokenKind {
 }
 
 impl TokenOwner {
-    /// The key of a topic's messages, or of a service's requests; a hash of `*` is any.
+    /// Returns the key of a topic's messages, or of a service's requests; a hash of `*` is any.
     pub(super) fn key(&self, name: &str, type_name: &str, hash: &str) -> String {
         format!("{}/{}/{type_name}/{hash}", self.domain, name.trim_matches('/'))
     }
 
-    /// The token of the node itself.
+    /// Returns the token of the node itself.
     pub(super) fn node_token(&self) -> String {
         self.token_of(0, TokenKind::Node)
     }
@@ -107,7 +107,7 @@ impl TokenOwner {
         format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*/**")
     }
 
-    /// The tokens of all that has this type.
+    /// Returns the tokens of all that has this type.
     pub(super) fn tokens_of_type(&self, type_name: &str) -> String {
         format!("@ros2_lv/{}/*/*/*/*/*/*/*/*/{type_name}/*/*/**", self.domain)
     }
@@ -127,18 +127,18 @@ pub(super) fn type_of(token: &str) -> Option<(&str, &str)> {
     }
 }
 
-/// The key of those messages of a topic that are for subscriptions in its group alone.
+/// Returns the key of those messages of a topic that are for subscriptions in its group alone.
 pub(super) fn group_key(key: &str) -> String {
     format!("{key}{GROUP}")
 }
 
-/// The hash of a message's type, by its key.
+/// Returns the hash of a message's type, by its key.
 pub(super) fn hash_of(key: &str) -> &str {
     let key = key.strip_suffix(GROUP).unwrap_or(key);
     key.rsplit('/').next().unwrap_or_default()
 }
 
-/// The identifiers of a token's owner.
+/// Returns the identifiers of a token's owner.
 pub(crate) fn gid(token: &str) -> Gid {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }

@@ -152,7 +152,7 @@ fn protocol(error: &hyper::Error) -> Result<(), RejectReason> {
     Err(RejectReason::Protocol(innermost.to_string()))
 }
 
-/// The time that the caller has left, by `grpc-timeout`: up to eight digits and a unit.
+/// Returns the time that the caller has left, by `grpc-timeout`: up to eight digits and a unit.
 fn deadline(headers: &HeaderMap) -> Option<Duration> {
     let text = headers.get("grpc-timeout")?.to_str().ok()?;
     let (digits, unit) = text.split_at_checked(text.len().checked_sub(1)?)?;

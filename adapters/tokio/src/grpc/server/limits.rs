@@ -68,7 +68,7 @@ impl ServerLimits {
         }
     }
 
-    /// A permit for one more connection from this address.
+    /// Returns a permit for one more connection from this address.
     pub(crate) fn permit(
         self: &Arc<Self>,
         address: IpAddr,
@@ -140,7 +140,7 @@ impl Drop for ConnectionPermit {
     }
 }
 
-/// The address, or the /64 of IPv6, which is one host's to choose from.
+/// Returns the address, or the /64 of IPv6, which is one host's to choose from.
 fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {

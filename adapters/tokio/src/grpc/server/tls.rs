@@ -12,7 +12,7 @@ use crate::Error;
 use crate::grpc::remote::Identity;
 use crate::grpc::server::ServeError;
 
-/// The acceptor of TLS connections with this identity, only from clients of this CA, if there is one; none without an
+/// Returns the acceptor of TLS connections with this identity, only from clients of this CA, if there is one; none without an
 /// identity.
 ///
 /// # Errors
