@@ -29,7 +29,7 @@ def compiles(folder, name):
 
 
 def counterexample(fault):
-    """The negation of a theorem's statement, with the lemma that computes it."""
+    """Returns the negation of a theorem's statement, with the lemma that computes it."""
     if "claim" in fault:
         claim = fault["claim"]
     else:

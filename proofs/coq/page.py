@@ -22,19 +22,19 @@ TEXT = "\n".join(TEXTS.values())
 
 
 def rows(page):
-    """The cells of each row of the table."""
+    """Returns the cells of each row of the table."""
     table = page[page.index("| identifier |") :].split("\n\n")[0]
     return [[cell.strip() for cell in line.strip("|").split(" |")] for line in table.split("\n")[2:]]
 
 
 def identifiers():
-    """The rules, promises of the machine, of deadlines and of pipelines."""
+    """Returns the rules, promises of the machine, of deadlines and of pipelines."""
     spec = (ROOT / "SPEC.md").read_text(encoding="utf-8")
     return re.findall(r"^### (F\d+g?) ", spec, re.M) + re.findall(r"^\| ([PTE]\d+) ", spec, re.M)
 
 
 def home(theorem):
-    """The file that has it."""
+    """Returns the file that has it."""
     found = [name for name, text in TEXTS.items() if re.search(rf"^(?:Theorem|Example) {theorem}\b", text, re.M)]
     return found[0] if len(found) == 1 else None
 

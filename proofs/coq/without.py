@@ -97,7 +97,7 @@ def parameters(own, body):
 
 
 def redefined(name, own, rest, statements):
-    """The statement without a hypothesis, and the statements that rest on it."""
+    """Returns the statement without a hypothesis, and the statements that rest on it."""
     text = f"Definition {name} {parameters(own, rest)} : Prop :={rest}.\n"
     arguments = "cfg tr" if "cfg" in rest else "tr"
     for other, params, body in statements:

@@ -56,12 +56,12 @@ class Arm:
 
 
 def on_board(observation: dict[str, float], _: int) -> float:
-    """The small policy: go to where the target is."""
+    """Acts as the small policy: goes to where the target is."""
     return 6.0 * (observation["target"] - observation["joint"])
 
 
 async def on_the_server(payload: bytes, _: fuseline.Call) -> bytes:
-    """The large policy: go to where the target will be; it takes a while, as a model would."""
+    """Acts as the large policy: goes to where the target will be, after a model's runtime."""
     observation = json.loads(payload)
     await asyncio.sleep(0.008)
     ahead = target(observation["seconds"] + 1 / RATE)
@@ -86,7 +86,7 @@ class PolicyServer:
         self._process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
 
     def ready(self) -> None:
-        """Wait until it listens."""
+        """Waits until it listens."""
         assert self._process.stdout is not None
         self.address = self._process.stdout.readline().strip()
 
@@ -96,7 +96,7 @@ class PolicyServer:
 
 
 async def run(ticks: int, trace: Path) -> Arm:
-    """Move the arm so many ticks."""
+    """Moves the arm so many ticks."""
     server = PolicyServer()
     server.start()
     server.ready()
@@ -120,7 +120,7 @@ async def run(ticks: int, trace: Path) -> Arm:
 
 
 async def drive(operator: fuseline.Operator[Any, float], server: PolicyServer, ticks: int) -> Arm:
-    """The robot's loop: an observation, an action, 30 times a second."""
+    """Runs the robot's loop: an observation, an action, 30 times a second."""
     arm, loop = Arm(), asyncio.get_running_loop()
     start = loop.time()
     for tick in range(ticks):
@@ -160,7 +160,7 @@ def draw(arm: Arm, trace: Path, file: Path) -> None:
 
 
 def main() -> int:
-    """Run it and say what happened."""
+    """Runs it and says what happened."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--trace", type=Path, default=Path("remote_policy.jsonl"))

@@ -37,7 +37,7 @@ class BoxAgreement(NamedTuple):
 
 
 def read(path: Path = ANNOTATIONS) -> tuple[Annotations, Annotations]:
-    """The first and the second pass.
+    """Returns the first and the second pass.
 
     Raises:
         ValueError: if there is no such box.

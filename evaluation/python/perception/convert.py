@@ -45,7 +45,7 @@ class Converter:
         self._tensors: dict[str, OnnxValue] = {}
 
     def convert(self) -> onnx.ModelProto:
-        """The model: image in, all outputs of the graph out."""
+        """Converts the model: image in, all outputs of the graph out."""
         outputs = []
         for name in self._graph.outputs:
             tensor = self._tensor(name)
@@ -90,7 +90,7 @@ class Converter:
         return name
 
     def _image(self, name: str) -> OnnxValue:
-        """A value with channels first."""
+        """Returns a value with channels first."""
         tensor = self._tensor(name)
         if tensor.is_image:
             return tensor
@@ -98,7 +98,7 @@ class Converter:
         return self._emit("Transpose", [tensor.name], shape, True, perm=(0, 3, 1, 2))
 
     def _plain(self, name: str) -> OnnxValue:
-        """A value as TensorFlow has it."""
+        """Returns a value as TensorFlow has it."""
         tensor = self._tensor(name)
         if not tensor.is_image:
             return tensor
@@ -216,7 +216,7 @@ class Converter:
         return self._emit(op, [it.name for it in sides], shape, is_image)
 
     def _side(self, name: str) -> OnnxValue:
-        """An image, or a constant that is broadcast to one."""
+        """Returns an image, or a constant that is broadcast to one."""
         value = self._graph.constant(name)
         if value is None:
             return self._image(name)

@@ -40,7 +40,7 @@ class KeptDetections:
         return len(self.jpeg_bytes)
 
     def save(self, path: Path = KEPT) -> None:
-        """Write it as packed JSON: a line about all frames, then one for each."""
+        """Writes it as packed JSON: a line about all frames, then one for each."""
         lines: list[dict[str, Any]] = [{"rate": self.rate, "networks": self.networks}]
         for frame, jpeg_bytes in enumerate(self.jpeg_bytes):
             seconds = {name: round(self.seconds[name][frame], 4) for name in SOURCES}
@@ -53,7 +53,7 @@ class KeptDetections:
 
 
 def load(path: Path = KEPT) -> KeptDetections:
-    """Read what `KeptDetections.save` wrote."""
+    """Reads what `KeptDetections.save` wrote."""
     about, *frames = map(json.loads, gzip.decompress(path.read_bytes()).splitlines())
     return KeptDetections(
         about["rate"],

@@ -28,7 +28,7 @@ class DrawnOutput:
 
 
 def draw(image: NDArray[np.uint8], number: int, outputs: list[DrawnOutput]) -> NDArray[np.uint8]:
-    """A frame with its outputs: the last one's boxes thick, those before it thin."""
+    """Returns a frame with its outputs: the last one's boxes thick, those before it thin."""
     image = image.copy()
     for output in outputs:
         is_last = output is outputs[-1]
@@ -57,7 +57,7 @@ def strip(images: list[NDArray[np.uint8]], path: Path) -> None:
 
 
 def _write(image: NDArray[np.uint8], words: str, x: int, colour: tuple[int, int, int]) -> int:
-    """Write words; return where they end."""
+    """Writes words; returns where they end."""
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.55
     cv2.putText(image, words, (x, 19), font, size, colour, 1, cv2.LINE_AA)
     return int(x + cv2.getTextSize(words, font, size, 1)[0][0])

@@ -14,12 +14,12 @@ STARTS = 10
 
 
 def typical_delay(cloud: str) -> float:
-    """The median round trip, in seconds, while there is a network."""
+    """Returns the median round trip, in seconds, while there is a network."""
     return statistics.median(trip for _, trip in NETWORKS[cloud].samples if trip is not None)
 
 
 def delay(cloud: str, start: int, seconds: float) -> float:
-    """The round trip of what is sent so long after a start, in seconds."""
+    """Returns the round trip of what is sent so long after a start, in seconds."""
     first, step = OFFSETS[cloud]
     trip = NETWORKS[cloud].round_trip(first + start * step + seconds)
     assert trip is not None, "neither drive is without a network for ever"
@@ -27,6 +27,6 @@ def delay(cloud: str, start: int, seconds: float) -> float:
 
 
 def network_from(cloud: str, start: int) -> RecordedNetwork:
-    """A cloud's network from a start on."""
+    """Returns a cloud's network from a start on."""
     first, step = OFFSETS[cloud]
     return RecordedNetwork(NETWORKS[cloud], first + start * step)

@@ -15,7 +15,7 @@ RATE = 7.0
 
 
 def extract(video: Path, folder: Path) -> list[Path]:
-    """Each frame as a file; those that are there stay."""
+    """Returns each frame as a file; those that are there stay."""
     if files := jpegs(folder):
         return files
     part = folder.with_name(f"{folder.name}.part")
@@ -38,12 +38,12 @@ def extract(video: Path, folder: Path) -> list[Path]:
 
 
 def jpegs(folder: Path) -> list[Path]:
-    """The frames of a folder, in order."""
+    """Returns the frames of a folder, in order."""
     return sorted(folder.glob("[0-9]*.jpg"))
 
 
 def decode(jpeg: bytes) -> NDArray[np.uint8]:
-    """The image of a JPEG."""
+    """Returns the image of a JPEG."""
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise ValueError("not a JPEG")

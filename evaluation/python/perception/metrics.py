@@ -42,7 +42,7 @@ class Precision(NamedTuple):
 
 
 def overlaps(some: Boxes, others: Boxes) -> NDArray[np.float64]:
-    """The overlap (IoU) of each pair."""
+    """Returns the overlap (IoU) of each pair."""
     top_left = np.maximum(some[:, None, :2], others[None, :, :2])
     bottom_right = np.minimum(some[:, None, 2:4], others[None, :, 2:4])
     common = np.prod(np.clip(bottom_right - top_left, 0.0, None), axis=2)
@@ -77,7 +77,7 @@ def match(found: Boxes, truth: Boxes) -> BoxMatches:
 
 
 def precision(frames: Iterable[BoxMatches]) -> Precision:
-    """The average precision over frames, interpolated at COCO's recalls."""
+    """Returns the average precision over frames, interpolated at COCO's recalls."""
     frames = list(frames)
     people = sum(it.people for it in frames)
     scores = np.concatenate([it.scores for it in frames])
@@ -95,7 +95,7 @@ def precision(frames: Iterable[BoxMatches]) -> Precision:
 
 
 def mean_overlap(found: Sequence[Boxes], truth: Sequence[Boxes]) -> float:
-    """The mean overlap (IoU) of the boxes that are right at half."""
+    """Returns the mean overlap (IoU) of the boxes that are right at half."""
     best = []
     for boxes, people in zip(found, truth, strict=True):
         if len(boxes) and len(people):

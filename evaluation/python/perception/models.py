@@ -29,7 +29,7 @@ CLASSES = 80
 
 
 def network_name(source: str) -> str:
-    """A source's network in words."""
+    """Returns a source's network in words."""
     height, width = SIZES[source]
     return f"NanoDet {width}×{height}"
 
@@ -46,7 +46,7 @@ class NanoDet:
         cv2.setNumThreads(1)
 
     def detect(self, image: NDArray[np.uint8], least: float = 0.2) -> Boxes:
-        """The people of an image of OpenCV's, by falling score."""
+        """Returns the people of an image of OpenCV's, by falling score."""
         height, width = image.shape[:2]
         is_smaller = self._height < height
         small = cv2.resize(
@@ -60,7 +60,7 @@ class NanoDet:
         return separate(self._decode([head[0] for head in heads], least) * scale)
 
     def timed(self, image: NDArray[np.uint8]) -> tuple[Boxes, float]:
-        """The people, and the seconds of processor time that it took."""
+        """Returns the people, and the seconds of processor time that it took."""
         start = time.process_time()
         boxes = self.detect(image)
         return boxes, time.process_time() - start
@@ -84,7 +84,7 @@ class NanoDet:
 
 
 def on_tiles(network: NanoDet, image: NDArray[np.uint8], share: float = 0.6) -> Boxes:
-    """The people that a network finds in four overlapping tiles: slow, and as good as it gets."""
+    """Returns the people that a network finds in four overlapping tiles: slow, and as good as it gets."""
     height, width = image.shape[:2]
     tile_height, tile_width = round(height * share), round(width * share)
     opinions = []

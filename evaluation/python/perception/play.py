@@ -186,7 +186,7 @@ class MeasuredPolicies:
         return Streaming(local, better, 1 / self._kept.rate, self.response(below), None)
 
     def named(self) -> Iterator[tuple[str, Callable[[str], Policy] | None]]:
-        """Each with its name."""
+        """Yields each policy with its name."""
         yield f"{DEADLINE * 1e3:.0f} ms", None
         yield "Expected", self.expected
         yield "Streaming", self.streaming

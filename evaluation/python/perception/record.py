@@ -26,7 +26,7 @@ TILE_STEP = 4
 
 
 def network(folder: Path, source: str) -> NanoDet:
-    """A source's network.
+    """Returns a source's network.
 
     Raises:
         FileNotFoundError: if it is not there.
@@ -60,7 +60,7 @@ def main() -> int:
 
 
 def record(folder: Path, models: Path, out: Path) -> int:
-    """Record what each network finds.
+    """Records what each network finds.
 
     Raises:
         OSError: if there are no frames or no network, or the file cannot be written.

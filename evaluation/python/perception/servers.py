@@ -37,7 +37,7 @@ def decode_boxes(reply: bytes) -> Boxes:
 
 
 async def serve(cloud: str, models: Path, start: int) -> None:
-    """Serve until the process ends."""
+    """Serves until the process ends."""
     model = network(models, cloud)
     model.detect(np.zeros((576, 768, 3), np.uint8))  # the first is slower
     # One at a time: a call that is given up while it waits is not computed.

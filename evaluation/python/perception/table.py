@@ -71,7 +71,7 @@ class Scorer:
         )
 
     def _by_frame(self, played: Playthrough) -> tuple[dict[int, tuple[str, int]], dict[int, float]]:
-        """The last output in time of each frame, and how long the first took."""
+        """Returns the last output in time of each frame, and how long the first took."""
         last: dict[int, tuple[str, int]] = {}
         first: dict[int, float] = {}
         for it in played.outputs:
@@ -112,7 +112,7 @@ class Scorer:
 
 
 def approaches(kept: KeptDetections) -> Iterable[tuple[str, Callable[[KeptDrive], Playthrough]]]:
-    """Each with its name."""
+    """Yields each approach with its name."""
     for source in SOURCES:
         yield f"{source} alone", lambda drive, source=source: drive.alone(source)  # type: ignore[misc]
     yield "first response", KeptDrive.first_response
@@ -127,7 +127,7 @@ def approaches(kept: KeptDetections) -> Iterable[tuple[str, Callable[[KeptDrive]
 def compare(
     kept: KeptDetections, starts: int, names: Iterable[str] | None = None, speed_share: float = 1.0
 ) -> dict[str, list[Scores]]:
-    """The scores of each approach from each start."""
+    """Returns the scores of each approach from each start."""
     scorer = Scorer(kept)
     wanted = None if names is None else set(names)
     return {
@@ -138,7 +138,7 @@ def compare(
 
 
 def mean(scores: list[Scores], figure: str) -> float:
-    """A figure's mean over the starts."""
+    """Returns a figure's mean over the starts."""
     return float(np.mean([getattr(it, figure) for it in scores]))
 
 

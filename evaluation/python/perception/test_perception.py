@@ -31,7 +31,7 @@ CHAPTER = Path(__file__).resolve().parents[3] / "docs/book/src/use/perception.md
 
 
 def _row_of_the_readme(name: str) -> list[str]:
-    """The figures of an approach in the README's table."""
+    """Returns the figures of an approach in the README's table."""
     row = next(it for it in README.splitlines() if it.startswith(f"| {name} |"))
     return [it.strip() for it in row.split("|")[2:-1]]
 

@@ -23,28 +23,28 @@ class GraphNode(NamedTuple):
     attributes: dict[str, Any]
 
     def integers(self, name: str) -> list[int]:
-        """An attribute that is a list of whole numbers; empty if it is absent."""
+        """Returns an attribute that is a list of whole numbers; empty if it is absent."""
         return [int(it) for it in self.attributes.get(name, {}).get("list", {}).get("i", [])]
 
     def strings(self, name: str) -> list[str]:
-        """An attribute that is a list of words."""
+        """Returns an attribute that is a list of words."""
         listed = self.attributes.get(name, {}).get("list", {}).get("s", [])
         return [base64.b64decode(it).decode() for it in listed]
 
     def word(self, name: str) -> str:
-        """An attribute that is a word."""
+        """Returns an attribute that is a word."""
         return base64.b64decode(self.attributes.get(name, {}).get("s", "")).decode()
 
     def number(self, name: str, default: float) -> float:
-        """An attribute that is a number."""
+        """Returns an attribute that is a number."""
         return float(self.attributes.get(name, {}).get("f", default))
 
     def is_set(self, name: str) -> bool:
-        """An attribute that is a truth value."""
+        """Returns an attribute that is a truth value."""
         return bool(self.attributes.get(name, {}).get("b", False))
 
     def sizes(self, name: str) -> list[int]:
-        """An attribute that is a shape."""
+        """Returns an attribute that is a shape."""
         return [int(it["size"]) for it in self.attributes[name]["shape"]["dim"]]
 
 
@@ -68,14 +68,14 @@ class TfjsGraph:
         self._constants: dict[str, Constant | None] = {}
 
     def constant(self, name: str) -> Constant | None:
-        """The value of a node that depends on no input; None of any other."""
+        """Returns the value of a node that depends on no input; None of any other."""
         name = name.split(":")[0]
         if name not in self._constants:
             self._constants[name] = self._compute(self.nodes[name])
         return self._constants[name]
 
     def known(self, name: str) -> Constant:
-        """The value of a node that must be constant."""
+        """Returns the value of a node that must be constant."""
         value = self.constant(name)
         if value is None:
             raise ValueError(f"{name} depends on the input, and must not")

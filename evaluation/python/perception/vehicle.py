@@ -40,7 +40,7 @@ DRAWN = 12
 
 
 def start_servers(models: Path, start: int) -> dict[str, subprocess.Popen[str]]:
-    """A process for each cloud."""
+    """Starts a process for each cloud."""
     program = Path(__file__).with_name("servers.py")
     return {
         cloud: subprocess.Popen(
@@ -72,7 +72,7 @@ class LiveRun:
         self.items: list[Item[Boxes]] = []
 
     async def drive(self, servers: dict[str, subprocess.Popen[str]]) -> None:
-        """Drive to the last frame."""
+        """Drives to the last frame."""
         remotes = [Remote(url_of(cloud, server)) for cloud, server in servers.items()]
         operator = Operator(
             Local.threads(self._detect, waiting=2, deadline=max(1.0, self._options.deadline)),
@@ -146,7 +146,7 @@ class LiveRun:
 
 
 def parse() -> argparse.Namespace:
-    """The command line."""
+    """Parses the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

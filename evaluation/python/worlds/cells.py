@@ -79,7 +79,7 @@ def main() -> int:
 
 
 def ends(results: list[Result]) -> str:
-    """The range of metres left, and of speeds at impact."""
+    """Returns the range of metres left, and of speeds at impact."""
     impacts = [result.impact for result in results if result.impact is not None]
     left = [result.left for result in results if result.impact is None and result.left is not None]
     parts = []

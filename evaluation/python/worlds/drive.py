@@ -181,7 +181,7 @@ def drive(
 
 
 def _response(network: Network | float, at: float) -> int | None:
-    """The cloud's response to what is captured at this instant, in ns; None: none ever comes."""
+    """Returns the cloud's response to what is captured at this instant, in ns; None: none ever comes."""
     if not isinstance(network, Network):
         return nanos(network)
     round_trip = network.round_trip(at)

@@ -42,7 +42,7 @@ class Drive:
 
 
 def draw(seed: int) -> tuple[str, Scene, int, float]:
-    """The meaning of a seed: the situation, the network's number, and the start."""
+    """Returns the meaning of a seed: the situation, the network's number, and the start."""
     rng = random.Random(seed)
     situation = rng.choice(list(SITUATIONS))
     scene = SITUATIONS[situation](rng)
@@ -83,7 +83,7 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
 
 
 def summary(drives: Sequence[Drive], approach: str) -> dict[str, float]:
-    """The outcome of an approach."""
+    """Returns the outcome of an approach."""
     results = [drive.results[approach] for drive in drives]
     harmless = [it for it in drives if it.results["blind"].impact is None]
     hits = [result.impact for result in results if result.impact is not None]

@@ -38,7 +38,7 @@ def touches(speed: float, response: float, *, swerves: bool, steering_rate: floa
 
 
 def greatest(response: float, *, swerves: bool, steering_rate: float = 0.4) -> float:
-    """The greatest speed up to which it touches nobody, in m/s, to 0.01."""
+    """Returns the greatest speed up to which it touches nobody, in m/s, to 0.01."""
     low = 3.0
     while not touches(low + 0.25, response, swerves=swerves, steering_rate=steering_rate):
         low += 0.25

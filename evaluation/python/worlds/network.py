@@ -36,7 +36,7 @@ class Network:
         return 2 * self.sent[-1] - self.sent[-2]
 
     def round_trip(self, at: float) -> float | None:
-        """The round trip of what is sent so many seconds after the drive's start."""
+        """Returns the round trip of what is sent so many seconds after the drive's start."""
         return self.round_trips[bisect_right(self.sent, at % self.length) - 1]
 
 
@@ -54,5 +54,5 @@ def load(folder: str, name: str, column: str) -> Network:
 
 
 def load_all() -> list[Network]:
-    """The ten columns that `fuseline scenario networks` uses."""
+    """Returns the ten columns that `fuseline scenario networks` uses."""
     return [load(*network) for network in NETWORKS]

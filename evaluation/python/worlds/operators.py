@@ -36,7 +36,7 @@ class VirtualOperator(Protocol):
         """A frame is captured; local and the cloud (if ever) will have a result after so long."""
 
     def until(self, now: int) -> list[Output]:
-        """The outputs that left by now and were not taken yet."""
+        """Returns the outputs that left by now and were not taken yet."""
 
 
 class Race:

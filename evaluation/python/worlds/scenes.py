@@ -42,7 +42,7 @@ class Scene(Protocol):
         """Returns the distance of the hazard, if the camera has it in view."""
 
     def reveal(self, world: World, ego: Pose) -> float | None:
-        """The distance to the nearest place from which something may come into sight."""
+        """Returns the distance to the nearest place from which something may come into sight."""
 
     def shared(self, world: World) -> Pose | None:
         """Returns what the hazard shares of itself, if it is a vehicle that does."""
@@ -80,7 +80,7 @@ class Jam:
 
     @classmethod
     def draw(cls, rng: random.Random) -> Jam:
-        """A jam by chance."""
+        """Returns a jam by chance."""
         speed = rng.uniform(11.0, 26.0)
         lead = (
             (speed * rng.uniform(0.9, 2.0), rng.uniform(25.0, 60.0)) if rng.random() < 0.5 else None
@@ -160,7 +160,7 @@ class Meeting:
 
     @classmethod
     def draw_runner(cls, rng: random.Random) -> Meeting:
-        """A car that runs a red light, by chance."""
+        """Returns a car that runs a red light, by chance."""
         corner = (rng.uniform(5.0, 14.0), rng.uniform(4.0, 10.0))
         return cls(
             rng.uniform(9.0, 16.0),
@@ -173,7 +173,7 @@ class Meeting:
 
     @classmethod
     def draw_person(cls, rng: random.Random) -> Meeting:
-        """A person who steps out between what is parked, by chance."""
+        """Returns a person who steps out between what is parked, by chance."""
         corner = (rng.uniform(2.5, 4.5), rng.uniform(0.8, 2.0))
         return cls(
             rng.uniform(6.0, 14.0),
@@ -222,7 +222,7 @@ class Meeting:
         return None if passed or hazard.speed < 0.1 else _in_view(world, ego, ())
 
     def reveal(self, world: World, ego: Pose) -> float | None:
-        """The way of whatever comes from behind the building, until ego is past it."""
+        """Returns the way of whatever comes from behind the building, until ego is past it."""
         return max(0.0, self._x - ego.front[0])
 
     def shared(self, world: World) -> Pose | None:
@@ -244,7 +244,7 @@ class Meeting:
         return ego.front[0] > self._x + 15.0
 
     def is_still(self, world: World) -> bool:
-        """The other has crossed, or stands."""
+        """Returns whether the other has crossed, or stands."""
         if HAZARD not in world.names():
             return True
         hazard = world.pose(HAZARD)

@@ -60,7 +60,7 @@ def touches(speed: float, response: float) -> bool:
 
 
 def greatest(response: float) -> float:
-    """The greatest speed up to which it touches nobody, in m/s, to 0.02."""
+    """Returns the greatest speed up to which it touches nobody, in m/s, to 0.02."""
     low = 6.0
     while not touches(low + 0.5, response):
         low += 0.5

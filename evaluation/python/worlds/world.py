@@ -74,7 +74,7 @@ class Kind:
 
 @cache
 def _network(name: str) -> str:
-    """The network of this name, made by SUMO's own netconvert."""
+    """Returns the network of this name, made by SUMO's own netconvert."""
     made = Path(_NETS.name) / f"{name}.net.xml"
     subprocess.run(
         [
@@ -143,7 +143,7 @@ class World:
             raise RuntimeError(f"SUMO did not insert {', '.join(sorted(missing))}")
 
     def lane(self, edge: str) -> list[tuple[float, float]]:
-        """The middle of an edge's right lane."""
+        """Returns the middle of an edge's right lane."""
         return list(libsumo.lane.getShape(f"{edge}_0"))
 
     def hide(self, name: str, corners: Sequence[tuple[float, float]]) -> None:
@@ -179,7 +179,7 @@ class World:
         return float(libsumo.simulation.getTime())
 
     def names(self) -> tuple[str, ...]:
-        """The vehicles that are there."""
+        """Returns the vehicles that are there."""
         return tuple(libsumo.vehicle.getIDList())
 
     def pose(self, name: str) -> Pose:
@@ -207,7 +207,7 @@ class World:
 
 @contextmanager
 def running(network: str, kinds: dict[str, Kind]) -> Iterator[World]:
-    """A simulation, ended with the block."""
+    """Returns a simulation, ended with the block."""
     options = {
         "net-file": _network(network),
         "step-length": STEP,

@@ -205,7 +205,7 @@ def note(vehicle: Vehicle, name: str, item: Item[Any], frame: int, by: str, driv
 
 
 def row(rule: str, driven: Drive, recording: Recording) -> str:
-    """A line of the table."""
+    """Returns a line of the table."""
     it = recording.figures(driven.commands, END_TO_END)
     return (
         f"| {rule} | {it.ap50:.1f} | {it.old:.1f} % | {it.p50} ms | {it.p99} ms "

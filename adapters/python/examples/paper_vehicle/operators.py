@@ -85,7 +85,7 @@ class Vehicle:
         own: Latency | None = None,
         commit: Commit = Commit.EAGER,
     ) -> Operator[Any, Any]:
-        """An operator with its name, those downstream and its own latency."""
+        """Returns an operator with its name, those downstream and its own latency."""
         trace = None if self.traces is None else self.traces / f"{name}.jsonl"
         operator = Operator[Any, Any](
             local,
@@ -101,7 +101,7 @@ class Vehicle:
         return operator
 
     def keep_last(self, operator: Operator[Any, Any]) -> None:
-        """Send the last result for a message without one, as old as it is."""
+        """Sends the last result for a message without one, as old as it is."""
         last = CarriedState[Any](None)
         operator.use_state(last, lambda output: output)
         operator.use_substitute(lambda _: last.current())
@@ -228,7 +228,7 @@ def planning(
 
 
 def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
-    """A command for each tick: by the last plan, or a safe stop."""
+    """Returns a command for each tick: by the last plan, or a safe stop."""
 
     async def compute(joined: Joined, _: int) -> Scene | str:
         await asyncio.sleep(0.001)
@@ -265,7 +265,7 @@ def _same(scene: Scene) -> Scene:
 
 
 def _value(item: Item[Any]) -> Any:
-    """The item's, if it has one."""
+    """Returns the item's value, if it has one."""
     if item.value is None:
         raise RuntimeError("nothing came from upstream")
     return item.value

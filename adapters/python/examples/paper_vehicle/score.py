@@ -77,11 +77,11 @@ class Recording:
         return in_steps(self._kept.seconds[by][frame] * 1000.0)
 
     def newest(self, since: int) -> int:
-        """The newest frame that was captured by then."""
+        """Returns the newest frame that was captured by then."""
         return bisect_right(self._captures, since) - 1
 
     def figures(self, commands: Sequence[Command], deadline: int) -> Figures:
-        """A drive's."""
+        """Returns the figures of a drive."""
         ages = sorted(it.tick - captured(it.seen.frame) for it in commands if it.seen is not None)
         matches = [self._matches(it.seen, self.newest(it.tick)) for it in commands]
         p50, p99 = (ages[len(ages) * percent // 100] if ages else 0 for percent in (50, 99))
@@ -93,7 +93,7 @@ class Recording:
         return [captured(frame) for frame in range(len(self))]
 
     def _boxes(self, seen: Seen | None) -> Boxes:
-        """The boxes, with their scores."""
+        """Returns the boxes, with their scores."""
         if seen is None:
             return self._kept.found["local"][0][:0]
         boxes = self._kept.found[seen.by][seen.frame]

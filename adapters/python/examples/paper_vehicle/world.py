@@ -46,7 +46,7 @@ class Kill:
         return self.part == part and self.after <= elapsed_ms(self.start)
 
     async def compute(self, part: str, seconds: float, result: T) -> T:
-        """A computation of this part."""
+        """Computes something by this part."""
         await asyncio.sleep(seconds)
         if self.hits(part):
             await asyncio.Event().wait()

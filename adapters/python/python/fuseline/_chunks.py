@@ -144,7 +144,7 @@ class ChunkPlan:
             self._request = self._loop.create_task(self._take(observation, t, self._episode))
 
     def planned(self, t: int, last: Any) -> StampedValue[Any] | None:
-        """The action of a tick, if a chunk has one that is not too old."""
+        """Returns the action of a tick, if a chunk has one that is not too old."""
         max_age = self.chunk.max_age
         has = [(it, it.action(t, max_age)) for it in self._chunks]
         planned = [(it, action) for it, action in has if action is not None]
@@ -260,7 +260,7 @@ def actions_of(reply: Any, chunk: Chunk, check: Callable[[Any, str], None]) -> l
 
 
 def _split(reply: Any) -> Sequence[Any]:
-    """The actions of a list, or of a dictionary of arrays, which is how openpi's servers reply."""
+    """Returns the actions of a list, or of a dictionary of arrays, as openpi's servers reply."""
     if isinstance(reply, (str, bytes, bytearray)):
         text = reply if isinstance(reply, str) else bytes(reply[:200]).decode(errors="replace")
         raise CallError(f"the reply is text, but a chunk is a list of actions: {text[:200]}")
@@ -284,7 +284,7 @@ def _split(reply: Any) -> Sequence[Any]:
 
 
 def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """The numbers or arrays of two actions of one form, combined one by one; others are b's."""
+    """Combines the numbers or arrays of two actions of one form; takes others from b."""
     if isinstance(b, dict):
         return {key: _each(combine, a[key], b[key]) if key in a else b[key] for key in b}
     if isinstance(b, (list, tuple)):

@@ -75,7 +75,7 @@ class PolicyFailures:
         self._fresh.extend(failed)
 
     def report(self) -> None:
-        """Hand what failed to the callback."""
+        """Hands each failure to the callback."""
         while self._fresh:
             failure = self._fresh.popleft()
             try:

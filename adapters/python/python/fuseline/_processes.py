@@ -34,7 +34,7 @@ class WorkerProcess:
         self._connection, self._process = self._start()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Compute; called by the thread whose process it is."""
+        """Computes; called by the thread whose process it is."""
         with self._lock:
             if self._is_over:
                 raise RuntimeError("the operator has ended")
@@ -50,7 +50,7 @@ class WorkerProcess:
                     self._connection.close()
 
     def wait(self) -> None:
-        """Wait until it can compute.
+        """Waits until it can compute.
 
         Raises:
             ConfigError: if it cannot be started.
@@ -66,7 +66,7 @@ class WorkerProcess:
             ) from None
 
     def end(self) -> None:
-        """End it, at the latest a while after this, also in the midst of a computation."""
+        """Ends it, at the latest a while after this, also in the midst of a computation."""
         with self._lock:
             self._is_over = True
             if not self._is_computing:

@@ -146,7 +146,7 @@ class PolicyConnection:
         return future
 
     def close(self) -> list[threading.Thread]:
-        """End it; a policy that is being connected is closed as soon as it is there.
+        """Ends it; a policy that is being connected is closed as soon as it is there.
 
         Closing may wait for the server, so a thread does that.
         """

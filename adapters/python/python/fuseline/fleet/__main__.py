@@ -9,7 +9,7 @@ from fuseline.fleet import report
 
 
 def main() -> int:
-    """Make the page; 2 if there is none."""
+    """Makes the page. Returns 2 if there is none."""
     parser = argparse.ArgumentParser(prog="python -m fuseline.fleet")
     parser.description = "Makes a page of the rows of a fleet that are kept in Parquet."
     parser.add_argument("rows", help="a Parquet file, a folder of them, or a pattern")

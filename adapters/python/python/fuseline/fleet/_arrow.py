@@ -50,7 +50,7 @@ SCHEMA = pa.schema(
 
 
 def table(rows: Iterable[Row]) -> pa.Table:
-    """The rows as a table."""
+    """Returns the rows as a table."""
     columns = list(zip(*rows, strict=True)) or [()] * len(SCHEMA)
     outputs = Row._fields.index("outputs")
     columns[outputs] = tuple(

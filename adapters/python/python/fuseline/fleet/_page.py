@@ -41,12 +41,12 @@ svg { width: 100%; height: auto; display: block } svg text { font-size: 11px; fi
 
 
 def write(rows: str, page: Path, title: str) -> None:
-    """Ask the summaries of the rows, and write the page once all are answered."""
+    """Asks the summaries of the rows, and writes the page once all are answered."""
     replace_file(page, _page(ask(rows), title).encode())
 
 
 def ask(rows: str) -> dict[str, Answer]:
-    """The answers to all summaries, over Parquet."""
+    """Returns the answers to all summaries, over Parquet."""
     if Path(rows).is_dir():
         rows = os.path.join(rows, "*.parquet")  # noqa: PTH118
     with duckdb.connect() as engine:
