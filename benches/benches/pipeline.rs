@@ -20,7 +20,7 @@ use tokio::time::{interval, sleep_until};
 const END_TO_END: Duration = Duration::from_millis(500);
 const TURNS: usize = 5;
 
-/// A chain of so many operators, and how messages come.
+/// A chain of this many operators, and how messages come.
 #[derive(Clone, Copy)]
 struct ChainPace {
     hops: u32,

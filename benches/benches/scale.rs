@@ -59,7 +59,7 @@ impl Operator for Small {
 type Ends = (JoinHandle<()>, JoinHandle<Vec<Duration>>);
 
 fn main() {
-    // `scale 1000`: so many alone; `scale 1000 Fuseline`: of one contestant, which fails if they are too many.
+    // `scale 1000`: this many alone; `scale 1000 Fuseline`: of one contestant, which fails if they are too many.
     let mut arguments = env::args().skip(1).filter(|argument| argument != "--bench");
     let only: Option<usize> = arguments.next().and_then(|argument| argument.parse().ok());
     let of = arguments.next();
@@ -114,7 +114,7 @@ fn most(name: &str) -> usize {
     most
 }
 
-/// Runs so many for three seconds; whether outputs were in time.
+/// Runs this many for three seconds; whether outputs were in time.
 fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
     let mut builder = Builder::new_current_thread();
     #[cfg(feature = "virtual-time")]

@@ -162,7 +162,7 @@ impl<M: Machine> Bench<M> {
         Self { machines: (0..MACHINES).map(|_| M::new(&clouds)).collect(), t: 0 }
     }
 
-    /// One turn: all results by so many threads, either timed together or each alone.
+    /// One turn: all results by this many threads, either timed together or each alone.
     fn turn(&mut self, threads: usize, each_alone: bool, figures: &mut Figures) {
         let filled = self.machines.iter_mut().map(|machine| machine.fill(self.t));
         let (gives, fills): (Vec<_>, Vec<_>) = filled.unzip();

@@ -79,7 +79,7 @@ async fn source(take: Take, value: u64) -> u64 {
     value
 }
 
-/// Ready once the runtime has woken it so many times. Unlike `yield_now`, and like an answer from a network, it gains
+/// Ready once the runtime has woken it this many times. Unlike `yield_now`, and like an answer from a network, it gains
 /// nothing from being polled besides, as `select!` does to all sources whenever one of them is ready.
 struct Rounds {
     remaining: u32,

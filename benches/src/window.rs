@@ -66,7 +66,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// For windows of so many.
+    /// For windows of this many.
     #[must_use]
     pub fn new(window: usize, spacing: Spacing) -> Self {
         let mut random = Rng::with_seed(window as u64);

@@ -30,7 +30,7 @@ impl EmulatedLink {
         Self(Arc::new(EmulatedLinkState { width, drive, start: Instant::now(), queues }))
     }
 
-    /// Makes a call over this link, for a request and a reply of so many bytes.
+    /// Makes a call over this link, for a request and a reply of this many bytes.
     ///
     /// A request that finds no room fails; a reply that finds none is lost, so that its call ends when it is due. The time in
     /// the uplink is taken from the call's deadline.
@@ -52,7 +52,7 @@ impl EmulatedLink {
         Ok(reply)
     }
 
-    /// Waits until a message of so many bytes is through; `false` if it finds no room.
+    /// Waits until a message of this many bytes is through; `false` if it finds no room.
     ///
     /// A message that a queue has taken is sent, also if its call is given up.
     async fn pass(&self, direction: LinkDirection, bytes: usize) -> bool {

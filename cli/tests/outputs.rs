@@ -215,7 +215,7 @@ fn what_standard_output_does_not_take_is_reported() {
     }
 }
 
-/// Runs it where no file may be longer than so many blocks of 512 bytes.
+/// Runs it where no file may be longer than this many blocks of 512 bytes.
 fn limited(directory: &Path, blocks: u32, args: &[&str]) -> Output {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     Command::new("sh")

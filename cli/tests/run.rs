@@ -409,7 +409,7 @@ fn slow_run(directory: &Path) -> Child {
         .unwrap()
 }
 
-/// Waits until so many messages are answered in a trace; returns how many bytes it has then.
+/// Waits until this many messages are answered in a trace; returns how many bytes it has then.
 #[cfg(unix)]
 fn until_recorded(trace: &Path, messages: usize) -> usize {
     let mut text = String::new();

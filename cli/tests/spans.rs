@@ -130,7 +130,7 @@ async fn act(index: usize, after: u32, fails: bool) -> Result<usize, Error> {
     if fails { Err("as planned".into()) } else { Ok(index) }
 }
 
-/// Plays them, 100 ms apart, with a trace and spans in this folder; stops after so long if it is to.
+/// Plays them, 100 ms apart, with a trace and spans in this folder; stops after this long if it is to.
 fn play(folder: &Path, messages: &[[(u32, bool); 3]], stops_after: Option<Duration>) {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     let runtime = builder.enable_time().start_paused(true).build().unwrap();

@@ -151,7 +151,7 @@ impl ApproachRun<'_> {
 
     /// Drives towards the obstacle; returns how that ends and when it was decided to brake, in nanoseconds.
     ///
-    /// `response` gives how long the cloud takes for a frame captured then, in nanoseconds; none is for ever. `operator`
+    /// `response` gives how long the cloud takes for a frame captured then, in nanoseconds; none is forever. `operator`
     /// has not been used before.
     pub(crate) fn run(
         &self,

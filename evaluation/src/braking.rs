@@ -12,7 +12,7 @@ pub(crate) struct Brakes {
 /// States how a drive towards an obstacle at rest ends.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum DriveOutcome {
-    /// The vehicle stands, with so many metres left.
+    /// The vehicle stands, with this many metres left.
     Stops {
         /// In metres, above 0.
         gap: f64,

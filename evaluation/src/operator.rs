@@ -97,12 +97,12 @@ impl ScenarioMachine {
 }
 
 impl ScenarioOperator {
-    /// Returns an operator of this name, for about so many messages. Its trace is kept if `is_traced`.
+    /// Returns an operator of this name, for about this many messages. Its trace is kept if `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
         Self::gated(name, messages, is_traced, None)
     }
 
-    /// The same, with a gate that shuts when so many requests are under way.
+    /// The same, with a gate that shuts when this many requests are under way.
     pub(crate) fn gated(name: &str, messages: f64, is_traced: bool, limit: Option<u64>) -> Self {
         let is_gated = limit.is_some();
         let limit = limit.unwrap_or(NO_LIMIT);

@@ -13,7 +13,7 @@ pub(crate) enum FrameStatus {
     Obstacle,
 }
 
-/// Counts timestamps, not arrivals (A12): it decides once the outputs of so many consecutive timestamps have come and
+/// Counts timestamps, not arrivals (A12): it decides once the outputs of this many consecutive timestamps have come and
 /// all report. Timestamps without output are passed over.
 ///
 /// T1 also needs that an output without a report breaks no row if local skips its frame. That changes nothing here: what
@@ -25,7 +25,7 @@ pub(crate) struct Planner {
 }
 
 impl Planner {
-    /// Returns a planner that needs so many timestamps.
+    /// Returns a planner that needs this many timestamps.
     pub(crate) const fn new(wanted: usize) -> Self {
         Self { wanted, frames: Vec::new() }
     }

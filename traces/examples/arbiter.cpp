@@ -141,7 +141,7 @@ class Arbiter {
     if (limited) arm(t, LOCAL, due);
   }
 
-  // F2: the driver would ask cloud p, whose queue holds so many requests already.
+  // F2: the driver would ask cloud p, whose queue holds this many requests already.
   void offered(u64 t, u64 p, u64 deadline, u64 backlog) {
     u64 due = after(deadline);
     if (Why why = refuses(t, p, due, backlog)) return say("refuse", t, &p, why);

@@ -92,7 +92,7 @@ class Arbiter:
             self.arm(t, LOCAL, due)
 
     def offered(self, t, p, deadline, backlog):
-        """F2: the driver would ask cloud p, whose queue holds so many requests already."""
+        """F2: the driver would ask cloud p, whose queue holds this many requests already."""
         due = self.due(deadline)
         if why := self.refuses_offer(t, p, due, backlog):
             self.say("refuse", t, p=p, why=why)

@@ -29,7 +29,7 @@ fn the_header_is_what_the_sources_say() {
     let committed = fs::read_to_string(&path).unwrap_or_default();
     assert!(
         committed == generated,
-        "include/fuseline.h is not what the sources say; make it anew:\n  \
+        "include/fuseline.h is not what the sources say; make it again:\n  \
          FUSELINE_WRITE_HEADER=1 cargo test -p fuseline-c --test header"
     );
 }

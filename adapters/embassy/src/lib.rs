@@ -54,7 +54,7 @@ pub enum Report<V, const CLOUDS: usize> {
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 
-/// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `report`
+/// Drives the machine forever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `report`
 /// with the instant at which it was decided. `held` has the values of the machine's held results; it starts empty.
 ///
 /// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then,

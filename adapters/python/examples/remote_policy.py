@@ -96,7 +96,7 @@ class PolicyServer:
 
 
 async def run(ticks: int, trace: Path) -> Arm:
-    """Moves the arm so many ticks."""
+    """Moves the arm this many ticks."""
     server = PolicyServer()
     server.start()
     server.ready()

@@ -71,7 +71,7 @@ pub(crate) fn check(
 pub(crate) struct KnownRun {
     /// It is over: what was due is overdue.
     ended: bool,
-    /// A message opens every so many nanoseconds (J1).
+    /// The nanoseconds from one open to the next (J1).
     period: Option<u64>,
 }
 

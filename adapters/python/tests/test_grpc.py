@@ -215,7 +215,7 @@ def test_a_server_that_is_away_describes_nothing_and_a_connection_is_ended() -> 
             channel = remote._channel
         assert remote._channel is None
         assert channel.get_state() is grpc.ChannelConnectivity.SHUTDOWN
-        # It connects anew when it is used again.
+        # It connects again when it is used again.
         assert await remote.infer(b"x", call()) == b"X"
         await server.stop()
         await server.stop()

@@ -215,7 +215,7 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
         operator: Operator[int, str] = Operator(local, window=16)
         async with operator:
             items: list[Item[str]] = []
-            # On a busy host others may be late, but not for ever.
+            # On a busy host others may be late, but not forever.
             while len(items) < 100 and (not items or items[-1].ending is Ending.MISSED):
                 operator.write(len(items))
                 items.append(await operator.__anext__())

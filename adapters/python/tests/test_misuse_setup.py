@@ -54,7 +54,7 @@ def test_trace_that_would_overwrite(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="would overwrite a file that is none"):
         asyncio.run(main(file))
     assert file.read_bytes() == b"\x00 no trace"
-    # An empty file, and an earlier trace, are written anew.
+    # An empty file, and an earlier trace, are written again.
     trace = tmp_path / "run.jsonl"
     trace.touch()
     for _ in range(2):

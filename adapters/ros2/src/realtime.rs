@@ -64,8 +64,8 @@ mod linux {
         })
     }
 
-    /// Keeps all memory of the process in RAM, what it gets later too. A system that grants so many bytes and no more would end
-    /// the process where it needs more.
+    /// Keeps all memory of the process in RAM, also what it gets later. A system that grants only a limited
+    /// number of bytes would end the process once it needs more.
     pub(super) fn lock_memory() -> Result<(), String> {
         let granted = capabilities(None).map(|granted| granted.effective);
         let may_exceed = granted.is_ok_and(|granted| granted.contains(CapabilitySet::IPC_LOCK));

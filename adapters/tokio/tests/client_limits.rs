@@ -68,7 +68,7 @@ impl Log {
         self.wait_for_lines(words, 1).await;
     }
 
-    /// Waits until so many lines say so.
+    /// Waits until this many lines say so.
     async fn wait_for_lines(&self, words: &str, count: usize) {
         let soon = async {
             while self.text().matches(words).count() < count {

@@ -1,4 +1,4 @@
-//! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one again, `GRAPHS=N` so many.
+//! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one again, `GRAPHS=N` this many.
 
 use tokio::runtime::Builder;
 

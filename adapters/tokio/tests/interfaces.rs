@@ -185,7 +185,7 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
     let mut local = Local::threads(1, move || compute(Arc::clone(&anew)));
     local.deadline = Some(200 * MS);
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
-    // On a busy host others may be late, but not for ever.
+    // On a busy host others may be late, but not forever.
     let is_over = |items: &[String]| items.len() == 100 || items.iter().any(|it| it != "missed");
     let (items, _) = real_time_until(operator, Config::default(), is_over).await;
     assert_eq!(items[0], "missed");
@@ -248,7 +248,7 @@ fn local_has_a_deadline_of_a_second_unless_it_is_set() {
     assert_eq!(Local::<u64, u64>::future(|n, _| async move { Ok(*n) }).deadline, second);
 }
 
-/// Writes so many messages, each once the item of the one before was read; returns what became of them.
+/// Writes this many messages, each once the item of the one before was read; returns what became of them.
 async fn real_time<F>(
     operator: ClosureOperator<F>,
     config: Config,

@@ -289,7 +289,7 @@ async fn an_aside_whose_gate_could_never_open_is_refused() {
     assert!(matches!(&error, SpawnError::SideRequest { name } if name == "side-2"), "{error}");
 }
 
-/// A cloud with 30 ms that answers after so long, and lingers for 100 ms more.
+/// A cloud with 30 ms that answers after this long, and lingers for 100 ms more.
 fn slow_cloud(setup: &mut Setup<u64, String>, ms: u32) {
     let start = Instant::now();
     let handle = move |t, _: Call| async move {

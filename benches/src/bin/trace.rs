@@ -1,4 +1,4 @@
-//! `trace LINES`: the trace of the benches, of at least so many lines, onto standard output.
+//! `trace LINES`: the trace of the benches, of at least this many lines, onto standard output.
 
 use std::io::{self, Write, stdout};
 

@@ -8,7 +8,7 @@ export const count = (n) => grouped.format(n);
 /** A count with what it counts. */
 export const counted = (n, what) => `${count(n)} ${what}${n === 1 ? "" : "s"}`;
 
-/** A quantile of response times; `never` where so many messages have no output. */
+/** A quantile of response times; `never` if too many messages have no output. */
 export const quantile = (ns) => (typeof ns === "string" ? ns : time(ns ?? NaN));
 
 /** A share in percent. */

@@ -169,7 +169,7 @@ struct SourceRow {
     deadlines: Option<[ExactNumber; 3]>,
 }
 
-/// A quantile of response times in nanoseconds; `never` where so many messages have no output.
+/// A quantile of response times in nanoseconds; `never` if too many messages have no output.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum ResponseColumn {

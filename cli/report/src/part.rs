@@ -7,7 +7,7 @@ use fuseline_traces::{Decision, Event, Input, observed};
 /// Selects the messages of a trace that are wanted. The default is all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TraceRange {
-    /// Messages that begin so long after the trace's first instant, in nanoseconds, or later.
+    /// Messages that begin this long after the trace's first instant, in nanoseconds, or later.
     pub from: u64,
     /// And before this.
     pub to: u64,

@@ -42,7 +42,7 @@ impl Default for PageWriter {
 }
 
 impl PageWriter {
-    /// Returns a page that holds so many events of a first trace, and fewer of those that follow long ones.
+    /// Returns a page that holds this many events of a first trace, and fewer of those that follow long ones.
     #[must_use]
     pub const fn with_most_events(most: usize) -> Self {
         Self { page_trace: Vec::new(), room: most.saturating_mul(PART) }

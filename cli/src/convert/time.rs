@@ -144,7 +144,7 @@ fn with_unit(text: &str) -> Option<Time> {
     read.next()
 }
 
-/// Returns a decimal number of units that have so many digits more, rounded to a whole one: with a sign, with a point or a comma, with
+/// Returns a decimal number of units that have this many digits more, rounded to a whole one: with a sign, with a point or a comma, with
 /// an exponent.
 fn decimal(text: &str, digits: i32) -> Option<Time> {
     let text = text.trim();

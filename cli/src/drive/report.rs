@@ -25,7 +25,7 @@ use crate::verdict::{BAD, GOOD, plain, print_violation};
 const NAMED: usize = 5;
 /// At most this many lines of a run are shown in words.
 const LINES: usize = 16;
-/// Lines are at most so many columns wide.
+/// Lines are at most this many columns wide.
 const WIDTH: usize = 96;
 /// The column after a lead.
 const INDENT: &str = "            ";

@@ -22,7 +22,7 @@ use crate::interrupt::Interrupt;
 
 /// Progress is printed this often if there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
-/// After so many cases in a row to which the command did not answer by the protocol, no other is tried.
+/// After this many cases in a row to which the command did not answer by the protocol, no other is tried.
 const PATIENCE: usize = 3;
 
 /// Ranks differences, the most telling one first: by whether the case is of another rule, then by

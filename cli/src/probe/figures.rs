@@ -9,7 +9,7 @@ use fuseline_report::Quantile;
 
 /// The longest time that is distinguished, in microseconds: an hour.
 const LONGEST_US: u64 = 3_600_000_000;
-/// Times are kept to so many digits.
+/// Times are kept to this many digits.
 const DIGITS: u8 = 4;
 
 /// Times of which some never ended.

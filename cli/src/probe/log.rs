@@ -83,7 +83,7 @@ impl<W: Write> ProbeLog<W> {
         }
     }
 
-    /// The request of that row was answered after so long, or failed.
+    /// The request of that row was answered after this long, or failed.
     pub(crate) fn ended(&mut self, number: u64, round_trip: Option<Duration>, now: Duration) {
         let Figures { counts, answers, slots, .. } = &mut self.figures;
         if let Some(round_trip) = round_trip {

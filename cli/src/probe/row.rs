@@ -24,7 +24,7 @@ pub(crate) struct SlotRow {
 pub(crate) enum RequestOutcome {
     /// It is under way.
     Unanswered,
-    /// It was answered after so long.
+    /// It was answered after this long.
     Answered(Duration),
     /// It failed, or nothing was sent because a pause began.
     Lost,

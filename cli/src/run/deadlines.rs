@@ -151,7 +151,7 @@ mod tests {
             Self { deadlines, policies }
         }
 
-        /// Sends a message to both clouds, which take so long; says its deadlines.
+        /// Sends a message to both clouds, which take this long; says its deadlines.
         fn send(&mut self, replies: [Option<u64>; 2]) -> [Duration; 2] {
             let situation = self.deadlines.next();
             let due = [0, 1].map(|i| self.policies[i].decide(&situation, CAP).deadline);

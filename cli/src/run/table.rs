@@ -275,7 +275,7 @@ impl RunReport {
 }
 
 impl PolicyReport {
-    /// Its row in the table; it is compared over so many messages.
+    /// Its row in the table; it is compared over this many messages.
     fn row(&self, compared: u64) -> Vec<String> {
         let mut row = vec![
             self.policy.clone(),

@@ -103,7 +103,7 @@ impl Network {
         Self { round_trips, start: Instant::now() }
     }
 
-    /// Takes as long as a message and its reply took when the network was recorded; where it was not there, for ever.
+    /// Takes as long as a message and its reply took when the network was recorded; where it was not there, forever.
     pub(crate) async fn round_trip(self) {
         let length = self.round_trips.last().map_or(Duration::MAX, |(at, _)| *at);
         let since = self.start.elapsed().as_nanos() % length.as_nanos().max(1);

@@ -2,7 +2,7 @@
 
     python convert.py NANODET.json FOLDER
 
-The network is convolutional: only its input's size and what was computed from that is made anew.
+The network is convolutional: only its input's size and what was computed from that is made again.
 TensorFlow has images with channels last, ONNX first; they are kept so inside.
 """
 

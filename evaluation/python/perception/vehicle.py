@@ -153,7 +153,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("frames_folder", type=Path, metavar="FRAMES")
     parser.add_argument("models", type=Path, metavar="MODELS")
     parser.add_argument("--commit", choices=COMMITS, default="progressive")
-    parser.add_argument("--frames", type=int, default=140, metavar="N", help="so many [140]")
+    parser.add_argument("--frames", type=int, default=140, metavar="N", help="the number of frames [140]")
     parser.add_argument("--rate", type=float, metavar="HZ", help="frames a second [the video's]")
     parser.add_argument(
         "--deadline", type=float, metavar="SECONDS", default=DEADLINE, help="of a cloud [0.5]"

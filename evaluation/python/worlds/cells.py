@@ -53,7 +53,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--sample", type=int, metavar="N", help="so many cells by chance, another choice each time"
+        "--sample", type=int, metavar="N", help="only this many cells, drawn again each time"
     )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes [2]")
     options = parser.parse_args()

@@ -142,7 +142,7 @@ def main() -> int:
         type=int,
         default=100,
         metavar="N",
-        help="so many drives, by seeds from 0 on [100]",
+        help="the number of drives, by seeds from 0 on [100]",
     )
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed [0]")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes [2]")

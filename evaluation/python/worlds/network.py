@@ -36,7 +36,7 @@ class Network:
         return 2 * self.sent[-1] - self.sent[-2]
 
     def round_trip(self, at: float) -> float | None:
-        """Returns the round trip of what is sent so many seconds after the drive's start."""
+        """Returns the round trip of what is sent this many seconds after the drive's start."""
         return self.round_trips[bisect_right(self.sent, at % self.length) - 1]
 
 

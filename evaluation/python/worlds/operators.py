@@ -33,7 +33,7 @@ class VirtualOperator(Protocol):
     """Takes frames and gives outputs; instants and durations are nanoseconds."""
 
     def frame(self, at: int, local: int, cloud: int | None, situation: Situation) -> None:
-        """A frame is captured; local and the cloud (if ever) will have a result after so long."""
+        """A frame is captured; local and the cloud (if ever) will have a result after this long."""
 
     def until(self, now: int) -> list[Output]:
         """Returns the outputs that left by now and were not taken yet."""

@@ -48,7 +48,7 @@ class Scene(Protocol):
         """Returns what the hazard shares of itself, if it is a vehicle that does."""
 
     def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
-        """Returns whether ego brakes for what a vehicle shared so long ago, if it went on."""
+        """Returns whether ego brakes for what a vehicle shared this long ago, if it went on."""
 
     def is_over(self, world: World, ego: Pose) -> bool:
         """Returns whether ego is past it."""

@@ -27,7 +27,7 @@ OPEN = (60.0, 60.0)
 
 
 def touches(speed: float, response: float) -> bool:
-    """Returns whether the car touches the person, if the planner takes so long."""
+    """Returns whether the car touches the person, if the planner takes this long."""
     # The person's middle is ASIDE to the right as the car is DISTANCE away; SUMO's place is its front.
     crossing = (ASIDE - RADIUS) / WALKING
     scene = Meeting(speed, "person", WALKING, crossing - DISTANCE / speed, OPEN)

@@ -28,7 +28,7 @@ pub(crate) struct PlanReply {
 /// further; one at its due instant is late.
 #[derive(Debug)]
 pub(crate) struct ContingencyCalls {
-    /// No call is made while so many are under way.
+    /// No call is made while this many are under way.
     limit: usize,
     under_way: Vec<CloudCall>,
     cache: PlanCache,

@@ -59,7 +59,7 @@ impl SwerveGeometry {
         ((ASIDE + CAR.1 / 2.0 + RADIUS) / self.person_speed).min(END)
     }
 
-    /// Returns when the car touches the person, if it responds after so long.
+    /// Returns when the car touches the person, if it responds after this long.
     pub(crate) fn contact(&self, speed: f64, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
         let gap = |car: Rectangle, now: f64| (car.distance_to(self.person(now)) - RADIUS).max(0.0);
         match manoeuvre {

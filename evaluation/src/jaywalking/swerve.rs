@@ -68,7 +68,7 @@ impl Swerve {
         self.speed + self.turn * REACH
     }
 
-    /// Returns where the centre of mass is after so long, from where the swerve began, and the heading in rad.
+    /// Returns where the centre of mass is after this long, from where the swerve began, and the heading in rad.
     pub(crate) fn pose(&self, after: f64) -> (Point, f64) {
         let heading = self.heading(after);
         let number = self.index(after);

@@ -59,13 +59,13 @@ impl LinkedResponses {
         Self { before: responses, after, period }
     }
 
-    /// Returns the response of the frame captured so long before the start.
+    /// Returns the response of the frame captured this long before the start.
     pub(crate) fn before(&self, age: Duration) -> Option<Duration> {
         let frame = self.index(whole(age)).checked_sub(1)?;
         self.before.get(frame).copied().flatten().map(Duration::from_nanos)
     }
 
-    /// Returns the response of the frame captured so long after the start, in ns.
+    /// Returns the response of the frame captured this long after the start, in ns.
     pub(crate) fn after(&self, at: u64) -> Option<u64> {
         self.after.get(self.index(at)).copied().flatten()
     }

@@ -136,7 +136,7 @@ impl ProgressiveFacts {
     }
 
     /// Returns the instant until which a source that does not send can be pending: until it is outranked, if
-    /// it may stay so long, or is closed.
+    /// it may stay this long, or is closed.
     fn unsent(&self, q: usize, outranked: WideInstant, may_stay: bool) -> Option<WideInstant> {
         let source = &self.facts.sources[q];
         if may_stay && outranked.max(source.requested) <= source.lasts() {

@@ -1,7 +1,7 @@
 /*
  * Fuzzing of the C interface with right and wrong use, mixed. Two machines get the same inputs; one of them is misused
  * in between. Each wrong call must be reported by its status, and must change neither the machine nor the answer: so the
- * two answer alike for ever.
+ * two answer alike forever.
  *
  * With libFuzzer: clang -fsanitize=fuzzer. Without: -DWITHOUT_LIBFUZZER.
  */

@@ -59,7 +59,7 @@ class Drive:
 
 
 class Drivers:
-    """The sensors of one drive, which lasts for so many seconds."""
+    """The sensors of one drive, which lasts for this many seconds."""
 
     def __init__(self, vehicle: Vehicle, seconds: float) -> None:
         self._loop, self._kill, self._frames = vehicle.loop, vehicle.kill, len(vehicle.recording)

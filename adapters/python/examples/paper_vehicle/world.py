@@ -80,7 +80,7 @@ class Network:
             self._seconds.append(seconds)
 
     async def round_trip(self) -> None:
-        """Takes as long as a message and its reply took then, or for ever."""
+        """Takes as long as a message and its reply took then, or forever."""
         since = elapsed_ms(self._start) % self._at[-1]
         place = bisect_right(self._at, since) - 1
         seconds = self._seconds[place] if place >= 0 else None

@@ -22,7 +22,7 @@ GRACE = 1.0
 
 
 class WorkerProcess:
-    """A process that computes one message at a time; one that dies is started anew.
+    """A process that computes one message at a time; one that dies is started again.
 
     It is a daemon: a computation that hangs does not keep the program from ending.
     """

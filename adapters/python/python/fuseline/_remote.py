@@ -46,7 +46,7 @@ class RemoteThread:
     """Connects, and makes one call at a time.
 
     A call that is cancelled closes its connection: its reply can only be read by itself, so none
-    is taken for that of a later call. The next call connects anew.
+    is taken for that of a later call. The next call connects again.
 
     Args:
         connect: Makes a connection.

@@ -54,7 +54,7 @@ impl PyCounting {
         self.counting.handler_failed(p);
     }
 
-    /// A handler of a source, or without one another of the operator's, ran for so many nanoseconds without a pause.
+    /// A handler of a source, or without one another of the operator's, ran for this many nanoseconds without a pause.
     fn check_handler_time(&self, p: Option<u16>, lasted: u64) {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }

@@ -117,7 +117,7 @@ class Field:
         return [heard.message["source"] for heard in list(self.listener.status.heard)[since:]]
 
     def breaks(self, harm):
-        """For a while; then the cloud's results are back within so many seconds."""
+        """For a while; then the cloud's results are back within this many seconds."""
         strike, repair, is_silent = HARMS[harm]
         listener, end = self.listener, time.monotonic() + LASTS_S.get(harm, 2.0)
         strike(self)

@@ -20,7 +20,7 @@ from node import parameters
 from roles import Camera, Listener, Model, ready
 
 HOUR_S = 3600
-# After a step back the node joins its domain again: for so long at most nothing comes over best effort.
+# After a step back the node joins its domain again: for this long at most nothing comes over best effort.
 GAP_S = 1.0
 STEPPED_BACK, JOINED_AGAIN = "the wall clock stepped back", "joined the domain again"
 RELIABLE = {topic: {"subscription": {"reliability": "reliable"}} for topic in ("/input", "/local/output", "/west/output")}

@@ -53,7 +53,7 @@ class Node:
         self.code = None
 
     def wall_clock(self, seconds):
-        """Its wall clock is so many seconds off from now on."""
+        """Its wall clock is this many seconds off from now on."""
         # One write, for it is read all the time.
         with open(self.offset_file, "r+b", buffering=0) as offset:
             offset.write(f"{seconds:<16}\n".encode())

@@ -177,7 +177,7 @@ def main():
     parser.add_argument("--alone", metavar="NAME")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--misuse", action="store_true", help="only the cases of the catalogue of misuse")
-    parser.add_argument("--sample", metavar="N", type=int, help="only so many of them, drawn anew")
+    parser.add_argument("--sample", metavar="N", type=int, help="only this many of them, drawn again each time")
     parser.add_argument("names", nargs="*")
     chosen = parser.parse_args()
     programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds,

@@ -193,7 +193,7 @@ def a_secret_that_is_set_and_cannot_be_read_ends_the_start(bench):
 def an_earlier_trace_is_kept(bench):
     """misuse: `trace.file` exists already, as after a crash with `respawn` | it is kept; the next file has a number
 
-    Also that of a node that was killed, as a launch file with respawn would start it anew."""
+    Also that of a node that was killed, as a launch file with respawn would start it again."""
     trace = bench.folder / "trace.jsonl"
     mcap = bench.folder / "trace.mcap"
     settings = parameters(trace={"file": str(trace), "mcap": str(mcap)})

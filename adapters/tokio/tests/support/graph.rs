@@ -24,7 +24,7 @@ const LATENESS: Duration = Duration::from_millis(1);
 #[derive(Clone, Copy, Debug)]
 struct Behaviour {
     at_most_ms: u32,
-    /// One in so many messages has no result; 0 is none.
+    /// One in this many messages has no result; 0 is none.
     hangs: u32,
     fails: u32,
 }

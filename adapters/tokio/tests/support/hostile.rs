@@ -136,7 +136,7 @@ impl Raw {
         self.bytes(&frame).await
     }
 
-    /// Waits until the server takes so many more bytes of a stream, or ends either.
+    /// Waits until the server takes this many more bytes of a stream, or ends either.
     pub(crate) async fn room(&mut self, stream: u32, bytes: usize) {
         let bytes = i64::try_from(bytes).unwrap();
         let of = |raw: &Self| raw.initial + raw.windows.get(&stream).unwrap_or(&0);

@@ -18,13 +18,13 @@ pub(crate) struct EmulatedLink {
 }
 
 impl EmulatedLink {
-    /// A link on which so many bytes may wait each way.
+    /// A link on which this many bytes may wait each way.
     pub(crate) fn new(queue_bytes: u64, rates: [u64; 2]) -> Self {
         let queues = Arc::new(Mutex::new([LinkQueue::new(queue_bytes); 2]));
         Self { start: Instant::now(), rates, queues }
     }
 
-    /// Waits until a message of so many bytes is through; `false` if it finds no room.
+    /// Waits until a message of this many bytes is through; `false` if it finds no room.
     pub(crate) async fn pass(&self, direction: LinkDirection, bytes: usize) -> bool {
         let now = nanos(self.start.elapsed());
         let rate = |_| LinkRate::constant(self.rates[direction as usize]);

@@ -147,7 +147,7 @@ impl<'d> FieldReader<'d> {
         Ok(())
     }
 
-    /// Passes over so many values.
+    /// Passes over this many values.
     fn array(&mut self, kind: FieldKind, len: u64, depth: usize) -> Result<(), CdrError> {
         let size = match kind {
             FieldKind::Bool => 1,

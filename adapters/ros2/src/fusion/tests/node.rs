@@ -241,7 +241,7 @@ pub(super) fn run(
     })
 }
 
-/// The settings of a node with so many clouds.
+/// The settings of a node with this many clouds.
 pub(super) fn settings(clouds: usize, more: &[&str]) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
     let mut args = vec![

@@ -31,7 +31,7 @@ use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
 
-/// So many seeds from 0 on show everything that a seeded fault was ever caught by.
+/// This many seeds from 0 on show everything that a seeded fault was ever caught by.
 const SEEDS: u64 = 200;
 
 /// A run takes some milliseconds.

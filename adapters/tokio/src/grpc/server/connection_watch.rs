@@ -66,7 +66,7 @@ impl ConnectionWatch {
         status
     }
 
-    /// So many bytes of a reply lie ready; returns its number.
+    /// This many bytes of a reply lie ready; returns its number.
     pub(crate) fn reply_ready(&self, bytes: usize) -> u64 {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.replies += 1;
@@ -75,7 +75,7 @@ impl ConnectionWatch {
         reply
     }
 
-    /// So many of a reply's bytes were taken, or are no longer wanted.
+    /// This many of a reply's bytes were taken, or are no longer wanted.
     pub(crate) fn paid(&self, reply: u64, bytes: usize) {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.moved = now;

@@ -87,7 +87,7 @@ pub(super) enum DisturbanceKind {
 pub(super) enum Disturbance {
     /// A parameter is set.
     Set(Change),
-    /// The topic of deadlines says so many seconds.
+    /// The topic of deadlines says this many seconds.
     Deadline(f64),
     /// The manager of the node's lifecycle activates or deactivates it.
     Activate(bool),
@@ -95,11 +95,11 @@ pub(super) enum Disturbance {
     Dies { peer: usize, is_seen: bool },
     /// It is back.
     Lives(usize),
-    /// The node's process stands still for so long.
+    /// The node's process stands still for this long.
     Stalls(Duration),
 }
 
-/// So many inputs come once everything is well again.
+/// This many inputs come once everything is well again.
 const CALM: u64 = 20;
 
 /// They are so far apart, and each peer takes less than half of it.
