@@ -12,9 +12,9 @@ use fuseline_traces::{Cloud, Header, Input, Rule};
 use super::peer::ProtocolViolation;
 use super::trial::{Bench, Comparison, DriveStop, Transcript};
 
-/// The most runs that are tried.
-const TRIES: u32 = 4000;
-/// The longest that the search may take. A quick command on an idle host needs less than five seconds.
+/// The most inputs of all runs that are tried. They bound the time of a finding that needs hundreds of inputs.
+const INPUTS: usize = 40_000;
+/// The longest that the search may take with a slow command.
 const LONGEST: Duration = Duration::from_secs(30);
 
 /// The finding of a run, with the inputs and the answers.
@@ -75,16 +75,16 @@ impl DriveFinding {
 pub(super) fn shrink(bench: &mut Bench, first: DriveFinding, afresh: bool) -> DriveFinding {
     let run = first.reported.run();
     let (mut best, mut least) = (first, cost(&run));
-    let (mut tries, start) = (0, Instant::now());
+    let (mut inputs, start) = (0, Instant::now());
     // The best so far stands whatever stopped the search.
     let _ = fuseline_testkit::shrink(run, simplifications, |run| {
         let mut priorities = BTreeSet::new();
         let is_header = run.header.clouds.iter().all(|cloud| priorities.insert(cloud.p));
-        let is_over = tries >= TRIES || start.elapsed() >= LONGEST;
+        let is_over = inputs >= INPUTS || start.elapsed() >= LONGEST;
         if is_over || !is_header || cost(run) >= least {
             return Ok(false);
         }
-        tries += 1;
+        inputs += run.inputs.len();
         if afresh {
             bench.restart();
         }
