@@ -1,10 +1,10 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
 mod census;
+mod handover;
 mod node;
 mod rejoin;
 
-use std::future::ready;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -21,9 +21,10 @@ use rustdds::{
 use tokio::time::{Instant, timeout};
 use tracing::warn;
 
+use self::handover::{OpenSubscription, until_met};
 pub(crate) use self::node::RosNode;
 pub(crate) use self::rejoin::Domain;
-use self::rejoin::{DomainHandle, InUse, JoinedParticipant, NewEntity, RecentIds};
+use self::rejoin::{DomainHandle, InUse, JoinedParticipant, NewEntity, PATIENCE, RecentIds};
 use super::end::{Endpoint, dds_type};
 use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;
@@ -84,7 +85,7 @@ impl DomainHandle {
             max_instances: 1,
             max_samples_per_instance: UNACKNOWLEDGED,
         };
-        let qos = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
+        let policies = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
         let (end, writer) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(InUse::default()));
         let publisher = SerializedPublisher {
             writer: Arc::clone(&writer),
@@ -93,8 +94,8 @@ impl DomainHandle {
         };
         let (topic, ty) = (topic.to_owned(), ty.to_owned());
         self.create(move |joined| {
-            let dds = joined.topic(&topic, &ty, &qos)?;
-            let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
+            let dds = joined.topic(&topic, &ty, &policies)?;
+            let next = joined.publisher.create_datawriter_no_key(&dds, Some(policies.clone()))?;
             let (next, next_end) = (SharedWriter::new(next), Arc::new(end.in_new_participant()));
             joined.census.add(Arc::clone(&next_end));
             let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
@@ -112,14 +113,20 @@ impl DomainHandle {
                     }
                 }
             });
-            let writer = Arc::clone(&writer);
-            Ok(Arc::clone(&end).replaced_by(next_end, move || {
+            let (writer, topic, met) = (Arc::clone(&writer), topic.clone(), Arc::clone(&next));
+            let entity = Arc::clone(&end).replaced_by(next_end, move || {
                 let replaced = writer.replace(next);
                 async move {
-                    if let Some(writer) = replaced {
-                        drop(writer.async_wait_for_acknowledgments().await);
+                    let Some(writer) = replaced else { return };
+                    let acknowledged = writer.async_wait_for_acknowledgments();
+                    if timeout(PATIENCE, acknowledged).await.is_err() {
+                        warn!(topic, "not all that the first participant sent is acknowledged");
                     }
                 }
+            });
+            Ok(entity.met_by(move || {
+                let writer = Arc::clone(&met);
+                async move { until_met(&writer, qos).await }
             }))
         })?;
         Ok(publisher)
@@ -137,23 +144,34 @@ impl DomainHandle {
         F: Future<Output = ()> + Send + 'static,
     {
         let recent = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
-        let qos = policies(qos).build();
+        let (policies, in_use) = (policies(qos).build(), Arc::new(InUse::default()));
         let (end, handler) =
             (Arc::new(Endpoint::new(topic, ty)), Arc::new(SampleHandler { take, recent }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
         self.create(move |joined| {
-            let dds = joined.topic(&topic, &ty, &qos)?;
+            let dds = joined.topic(&topic, &ty, &policies)?;
             let subscriber = &joined.subscriber;
-            let reader = subscriber.create_simple_datareader_no_key(&dds, Some(qos.clone()))?;
+            let reader =
+                subscriber.create_simple_datareader_no_key(&dds, Some(policies.clone()))?;
             let next_end = Arc::new(current_end.in_new_participant());
+            let (next, closed) = OpenSubscription::new(Arc::clone(&next_end));
             let serving = Arc::clone(&handler).serve(
                 reader,
                 Arc::clone(&next_end),
                 joined.participant.clone(),
-                joined.closed(),
+                joined.closed_or(closed),
             );
             joined.readers.spawn(serving);
-            Ok(Arc::clone(&current_end).replaced_by(next_end, || ready(())))
+            let (in_use, following) = (Arc::clone(&in_use), Arc::clone(&next_end));
+            Ok(Arc::clone(&current_end).replaced_by(next_end, move || {
+                let replaced: Option<OpenSubscription> = in_use.replace(next);
+                async move {
+                    // Over best effort the first one receives nothing that the second one does not.
+                    if let Some(former) = replaced.filter(|_| qos.reliable) {
+                        drop(timeout(PATIENCE, former.until_followed_by(&following)).await);
+                    }
+                }
+            }))
         })?;
         Ok(end)
     }
@@ -187,22 +205,28 @@ where
                 Some(status) = statuses.next() => end.of_reader(&status, &participant),
                 sample = samples.next() => match sample {
                     Some(Ok(sample)) if end.is_strange(sample.writer_guid().to_bytes()) => {}
-                    Some(Ok(sample)) if !self.is_new(&sample) => {}
                     Some(sample) => {
-                        end.received(Instant::now());
-                        let sample = sample.map(DeserializedCacheChange::into_value);
-                        (self.take)(sample.map_err(|error| DecodeError(error.to_string()))).await;
+                        let id = sample.as_ref().ok().map(identity);
+                        if id.is_none_or(|id| lock(&self.recent).insert(id)) {
+                            end.received(Instant::now());
+                            let sample = sample.map(DeserializedCacheChange::into_value);
+                            let payload = sample.map_err(|error| DecodeError(error.to_string()));
+                            (self.take)(payload).await;
+                        }
+                        if let Some((publisher, number)) = id {
+                            end.note(publisher.to_bytes(), number);
+                        }
                     }
                     None => break,
                 },
             }
         }
     }
+}
 
-    fn is_new(&self, sample: &DeserializedCacheChange<Payload>) -> bool {
-        let id = (sample.writer_guid(), i64::from(sample.sequence_number));
-        lock(&self.recent).insert(id)
-    }
+/// A sample's publisher and number.
+fn identity(sample: &DeserializedCacheChange<Payload>) -> (GUID, i64) {
+    (sample.writer_guid(), i64::from(sample.sequence_number))
 }
 
 impl Publish for SerializedPublisher {

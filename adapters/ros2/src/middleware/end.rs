@@ -1,5 +1,6 @@
 //! The node's end of a topic, and the peers at the other end.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -27,12 +28,19 @@ type SharedPeers = Arc<Mutex<Peers>>;
 
 #[derive(Default, Debug)]
 struct Peers {
-    matched: BTreeSet<Gid>,
+    /// With the numbers of their messages that came.
+    matched: BTreeMap<Gid, Option<Numbers>>,
     /// Peers with messages of another type, which no middleware checks.
     strangers: BTreeMap<Gid, String>,
     incompatible: Option<Incompatible>,
     /// Others that publish on the topic, where the node does.
     rivals: BTreeSet<Gid>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Numbers {
+    first: i64,
+    last: i64,
 }
 
 /// Peers whose quality of service does not fit.
@@ -62,8 +70,28 @@ impl Endpoint {
 
     /// Returns `true` if it has met all peers that the other end has.
     pub(super) fn has_all_peers_of(&self, other: &Self) -> bool {
-        let matched = other.peers(|peers| peers.matched.clone());
-        self.peers(|peers| peers.matched.is_superset(&matched))
+        let others = other.peers(|peers| peers.matched.clone());
+        self.peers(|peers| others.keys().all(|peer| peers.matched.contains_key(peer)))
+    }
+
+    /// A message with this number came from a peer, and all before it have come.
+    pub(super) fn note(&self, peer: Gid, number: i64) {
+        self.peers(|peers| {
+            if let Some(numbers) = peers.matched.get_mut(&peer) {
+                numbers.get_or_insert(Numbers { first: number, last: number }).last = number;
+            }
+        });
+    }
+
+    /// Returns `true` if it gets messages from each peer of the former end, which has got all before.
+    pub(super) fn follows(&self, former: &Self) -> bool {
+        let formers = former.peers(|peers| peers.matched.clone());
+        self.peers(|peers| {
+            formers.iter().all(|(peer, former)| {
+                let next = peers.matched.get(peer).copied().flatten();
+                next.zip(*former).is_some_and(|(next, former)| next.first <= former.last + 1)
+            })
+        })
     }
 
     /// Takes over the peers of the other endpoint.
@@ -151,13 +179,14 @@ impl Endpoint {
         self.peers(|peers| {
             if by <= 0 {
                 peers.strangers.remove(&peer);
-                if peers.matched.remove(&peer) {
+                if peers.matched.remove(&peer).is_some() {
                     info!(topic = self.topic, peers = peers.matched.len(), "a peer left");
                 }
             } else if let Some(other) = type_name.filter(|name| **name != self.type_name) {
                 warn!(topic = self.topic, ours = self.type_name, other, "a peer has another type");
                 peers.strangers.insert(peer, other.clone());
-            } else if peers.matched.insert(peer) {
+            } else if let Entry::Vacant(place) = peers.matched.entry(peer) {
+                place.insert(None);
                 info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
                 self.silence_detector().rest(Instant::now());
             }
@@ -222,6 +251,27 @@ mod tests {
         assert_eq!(end.matched(), 1);
         next.change(peer, -1, None);
         assert_eq!(end.matched(), 0);
+    }
+
+    /// D13.
+    #[test]
+    fn follows_once_nothing_is_missing_between() {
+        let (first, peer) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16]);
+        let second = first.in_new_participant();
+        assert!(second.follows(&first), "there is no peer");
+        first.change(peer, 1, None);
+        second.change(peer, 1, None);
+        first.note(peer, 4);
+        assert!(!second.follows(&first), "the peer has met the first alone");
+        second.note(peer, 6);
+        second.note(peer, 7);
+        assert!(!second.follows(&first), "the first has yet to get 5");
+        first.note(peer, 5);
+        assert!(second.follows(&first));
+        first.change([8; 16], 1, None);
+        assert!(!second.follows(&first), "the other peer may have met the first alone");
+        first.change([8; 16], -1, None);
+        assert!(second.follows(&first));
     }
 
     #[test]

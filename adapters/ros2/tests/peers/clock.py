@@ -1,8 +1,10 @@
 """The wall clock of the node steps while it runs, as NTP or a person sets it; its monotonic clock does not."""
 
+import os
 import time
 
 from bench import Skipped
+from faults import Stream, firewall
 from forwarding import PERIOD_S, check
 from graph import is_over_zenoh, until
 from messages import (
@@ -22,6 +24,8 @@ from roles import Camera, Listener, Model, ready
 HOUR_S = 3600
 # After a step back the node joins its domain again: for this long at most nothing comes over best effort.
 GAP_S = 1.0
+# Peers hear nothing of others for so long: longer than the node once waited until they have met it.
+DEAF_S = 8
 STEPPED_BACK, JOINED_AGAIN = "the wall clock stepped back", "joined the domain again"
 RELIABLE = {topic: {"subscription": {"reliability": "reliable"}} for topic in ("/input", "/local/output", "/west/output")}
 
@@ -82,6 +86,52 @@ def best_effort_is_received_again_soon_after_the_wall_clock_stepped_back(bench):
     listener.until_health("fusion", {OK})
     assert node.ends() == 0
     print(f"{lost} inputs without a result after 3 steps back")
+
+
+def own_discovery_ports():
+    """The ports at which the peers of this process hear of others: DDS gives them even numbers, and samples odd ones."""
+    names = {os.readlink(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")
+             if os.path.exists(f"/proc/self/fd/{number}")}
+    with open("/proc/self/net/udp") as sockets:
+        rows = [line.split() for line in sockets.readlines()[1:]]
+    ports = {int(row[1].split(":")[1], 16) for row in rows if f"socket:[{row[9]}]" in names}
+    return {port for port in ports if port % 2 == 0 and 7400 <= port < 32768}
+
+
+def keeps_reliable_topics(bench, drops):
+    """A stream over reliable topics goes on while the clock steps back and packets to the peers' discovery are dropped."""
+    if is_over_zenoh():
+        raise Skipped("a session of Zenoh does not depend on the wall clock")
+    node = bench.node(parameters(window=1024, local={"deadline": 5.0, "in_flight": 1024}, qos_overrides=RELIABLE), wall_clock=True)
+    camera, listener, local = Camera(), Listener(), Model("local")
+    ready(camera, listener, local)
+    stream = Stream(camera, "local=0.02")
+    until(lambda: len(stream.run) > 20, "some inputs")
+    ports = ", ".join(map(str, own_discovery_ports()))
+    rules = "".join(f"add rule inet late arrives udp dport {{ {ports} }} {drop}\n" for drop in drops)
+    firewall(f"add table inet late\nadd chain inet late arrives {{ type filter hook input priority 0; }}\n{rules}")
+    node.wall_clock(-HOUR_S)
+    until(lambda: STEPPED_BACK in node.log(), "a step back that is noticed")
+    time.sleep(DEAF_S)
+    firewall("delete table inet late")
+    until(lambda: JOINED_AGAIN in node.log() and node.participants() == 1, "one participant again", cap=45)
+    more = len(stream.run) + 50
+    until(lambda: len(stream.run) > more, "some more inputs")
+    stream.end()
+    listener.until_answered(stamp for stamp, _ in stream.run)
+    assert node.ends() == 0
+    assert all(len(listener.of(stamp)) == 1 for stamp, _ in stream.run), "two results for one input"
+    print(f"{len(stream.run)} inputs")
+
+
+def late_announcement_costs_reliable_topics_nothing(bench):
+    # It is announced in vain, and again ten seconds later.
+    keeps_reliable_topics(bench, ["drop"])
+
+
+def late_endpoints_cost_reliable_topics_nothing(bench):
+    # What announces endpoints, by its writer: after INFO_TS, or when it is sent again after INFO_DST and INFO_TS.
+    keeps_reliable_topics(bench, [f"@th,{at},32 {writer} drop" for at in (416, 544) for writer in (0x3c2, 0x4c2)])
 
 
 def a_peer_that_comes_after_the_wall_clock_stepped_back_is_met_missed_and_met_again(bench):

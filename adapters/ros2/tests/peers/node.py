@@ -58,6 +58,11 @@ class Node:
         with open(self.offset_file, "r+b", buffering=0) as offset:
             offset.write(f"{seconds:<16}\n".encode())
 
+    def participants(self):
+        """How many participants of DDS it has: each has one such thread."""
+        names = [name.read_text() for name in Path(f"/proc/{self.process.pid}/task").glob("*/comm")]
+        return sum(name.startswith("RustDDS Partici") for name in names)
+
     def urgent_threads(self):
         """The real-time priority and the policy of each thread that has one; SCHED_FIFO is 1."""
         # Fields 40 and 41 of proc_pid_stat(5); the third follows the name in brackets.

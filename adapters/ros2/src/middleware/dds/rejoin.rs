@@ -6,8 +6,9 @@
 //!   up with the latest sample.
 //! - **A stop and continue of the process** (`0001-interrupted-waits.patch`). Its threads end when their waits are interrupted.
 //!
-//! A new participant has no such samples and its own threads. So everything is created once more in a second participant, which
-//! takes over when it has met the peers that the first one knows; only then is the first one left.
+//! A new participant has no such samples and its own threads. So everything is created once more in a second participant. It
+//! takes over when it has met the peers that the first one knows, and they have met its publishers. The first one is left when
+//! they have met its subscriptions ([`handover`](super::handover)).
 
 mod participants;
 mod recent;
@@ -20,9 +21,10 @@ use futures_util::future::join_all;
 use rustdds::dds::CreateResult;
 use tokio::sync::Notify;
 use tokio::task::{JoinSet, spawn_blocking};
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 use tracing::{error, info, warn};
 
+use self::participants::FormerParticipant;
 pub(super) use self::participants::{DomainHandle, InUse, JoinedParticipant, Loss, NewEntity};
 pub(super) use self::recent::RecentIds;
 use self::wall_clock::WallClock;
@@ -34,18 +36,16 @@ const CLOCK_PERIOD: Duration = Duration::from_millis(20);
 /// The time from one check for the second participant's peers to the next.
 const MATCH_PERIOD: Duration = Duration::from_millis(20);
 
-/// The time that it has to meet them. Some may be gone, which the first participant does not
-/// notice.
-const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
+/// The time that peers have to meet the second participant, once before it takes over and once after. `rustdds` announces a
+/// participant every ten seconds; what a peer then knows of it is complete a second or so later.
+pub(super) const PATIENCE: Duration = Duration::from_secs(15);
 
-/// Both participants stay this long, once before the second takes over and once after: peers meet it later than it
-/// meets them, and what they sent to the first is still on its way. `rustdds` repairs an announcement that was lost
-/// on its way to a peer once a second, so in less time that peer may not have met it.
+/// The same if the first participant is lost: nothing is sent until the second one has taken over.
+const LOST_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Both participants stay at least this long, once before the second takes over and once after: peers that acknowledge
+/// nothing meet it later than it meets them, and what they sent to the first is still on its way.
 const OVERLAP: Duration = Duration::from_millis(1500);
-
-/// The time for which samples of the first participant may stay unacknowledged. A subscriber that
-/// was killed acknowledges nothing.
-const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The pause after a failure.
 const RETRY_PERIOD: Duration = Duration::from_secs(3);
@@ -84,13 +84,22 @@ impl Domain {
 fn spawn(tasks: &mut JoinSet<()>, domain: DomainHandle, needed: Arc<Notify>, clock: WallClock) {
     tasks.spawn(watch(clock, Arc::clone(&needed)));
     tasks.spawn(async move {
+        // Beside the next rejoining, which a step may need at once.
+        let mut leaving = JoinSet::new();
         loop {
             needed.notified().await;
-            while let Err(error) = rejoin(&domain).await {
-                error!(%error, "the domain cannot be joined again; trying once more");
-                sleep(RETRY_PERIOD).await;
-            }
+            let former = loop {
+                match rejoin(&domain).await {
+                    Ok(former) => break former,
+                    Err(error) => {
+                        error!(%error, "the domain cannot be joined again; trying once more");
+                        sleep(RETRY_PERIOD).await;
+                    }
+                }
+            };
             info!("joined the domain again");
+            leaving.spawn(former.leave(OVERLAP));
+            while leaving.try_join_next().is_some() {}
         }
     });
 }
@@ -108,24 +117,20 @@ async fn watch(mut clock: WallClock, needed: Arc<Notify>) {
     }
 }
 
-async fn rejoin(domain: &DomainHandle) -> Result<(), NodeError> {
+/// Lets a second participant take over from the first one, which it returns.
+async fn rejoin(domain: &DomainHandle) -> Result<FormerParticipant, NodeError> {
     let creating = domain.clone();
     // Not on this thread, which serves deadlines.
     let created = spawn_blocking(move || creating.create_again()).await;
     let (next, entities) =
         created.map_err(|error| NodeError::System(std::io::Error::other(error)))??;
-    let patience = Instant::now() + MATCH_TIMEOUT;
-    while Instant::now() < patience && !entities.iter().all(NewEntity::is_matched) {
+    let end = Instant::now() + if domain.is_lost() { LOST_PATIENCE } else { PATIENCE };
+    while Instant::now() < end && !entities.iter().all(NewEntity::is_matched) {
         sleep(MATCH_PERIOD).await;
     }
-    sleep(OVERLAP).await;
-    let (previous, drains) = domain.take_over(next, entities)?;
-    sleep(OVERLAP).await;
-    if timeout(ACKNOWLEDGE_TIMEOUT, join_all(drains)).await.is_err() {
-        warn!("left the first participant before all that it had sent was acknowledged");
-    }
-    previous.leave().await;
-    Ok(())
+    let met = join_all(entities.iter().map(NewEntity::met));
+    let (_, ()) = tokio::join!(timeout_at(end, met), sleep(OVERLAP));
+    domain.take_over(next, entities)
 }
 
 #[cfg(test)]
@@ -133,6 +138,7 @@ mod tests {
     use std::future::ready;
 
     use tokio::sync::mpsc;
+    use tokio::time::timeout;
 
     use super::*;
     use crate::middleware::Publish;
@@ -167,7 +173,7 @@ mod tests {
         let domains = [receiving.handle(), sending.handle()];
         let rejoins = async move {
             for domain in &domains {
-                rejoin(domain).await.unwrap();
+                rejoin(domain).await.unwrap().leave(OVERLAP).await;
             }
         };
         tokio::pin!(rejoins);

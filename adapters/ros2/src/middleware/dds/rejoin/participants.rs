@@ -3,16 +3,20 @@
 //! Every endpoint is created through a factory, which is kept: when the node rejoins, [`rejoin`](super)
 //! calls all of them again for a second participant. So nothing may be created in a participant by another way.
 
+use std::future::ready;
 use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::time::Duration;
 
 use fuseline_engine::lock;
+use futures_util::future::join_all;
 use rustdds::dds::CreateResult;
 use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, Subscriber};
 use tokio::sync::{Notify, watch};
 use tokio::task::{JoinSet, spawn_blocking};
+use tokio::time::sleep;
 use tracing::error;
 
 use crate::error::NodeError;
@@ -40,15 +44,23 @@ pub(crate) struct JoinedParticipant {
 /// An endpoint that a factory created in a participant. It is used only after it has taken over.
 pub(crate) struct NewEntity {
     is_matched: Box<dyn Fn() -> bool + Send>,
-    take_over: Box<dyn FnOnce() -> Drain + Send>,
+    met: Box<dyn Fn() -> Wait + Send>,
+    take_over: Box<dyn FnOnce() -> Wait + Send>,
 }
 
 /// The endpoint in use in the current participant. It exists from the first takeover on, which
 /// happens at once.
 pub(crate) struct InUse<T>(RwLock<Option<T>>);
 
-/// Waits until what was replaced has nothing more to send, and then closes it.
-pub(crate) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
+/// Waits for peers.
+pub(crate) type Wait = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// The first participant after the second one has taken over, and what waits until each of its endpoints is needed no more
+/// and then closes it.
+pub(crate) struct FormerParticipant {
+    joined: JoinedParticipant,
+    drains: Vec<Wait>,
+}
 
 /// Asks once for another participant if a thread of this one's has ended.
 pub(crate) struct Loss {
@@ -121,20 +133,24 @@ impl DomainHandle {
         Ok((next, entities))
     }
 
-    /// Makes the second participant the current one. Returns the first one, and the readers to
-    /// drain.
+    /// Returns `true` if a thread of the current participant has ended, so that it sends and receives nothing.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.locked().current.is_lost()
+    }
+
+    /// Makes the second participant the current one. Returns the first one.
     pub(crate) fn take_over(
         &self,
         mut next: JoinedParticipant,
         mut entities: Vec<NewEntity>,
-    ) -> Result<(JoinedParticipant, Vec<Drain>), NodeError> {
+    ) -> Result<FormerParticipant, NodeError> {
         let mut state = self.locked();
         // The endpoints that were created meanwhile.
         for factory in &mut state.factories[entities.len()..] {
             entities.push(factory(&mut next)?);
         }
         let drains = entities.into_iter().map(|entity| (entity.take_over)()).collect();
-        Ok((std::mem::replace(&mut state.current, next), drains))
+        Ok(FormerParticipant { joined: std::mem::replace(&mut state.current, next), drains })
     }
 
     /// Changes are made whole, so even a poisoned lock holds a sound state.
@@ -170,8 +186,26 @@ impl JoinedParticipant {
         async move { while open.changed().await.is_ok() {} }
     }
 
+    /// The same, or when its endpoint alone is to end.
+    pub(crate) fn closed_or(
+        &self,
+        closed: impl Future<Output = ()> + Send + 'static,
+    ) -> impl Future<Output = ()> + Send + 'static {
+        let all_closed = self.closed();
+        async move {
+            tokio::select! {
+                () = all_closed => {}
+                () = closed => {}
+            }
+        }
+    }
+
+    fn is_lost(&self) -> bool {
+        self.loss.is_reported.load(Ordering::Relaxed)
+    }
+
     /// Leaves the domain with this participant.
-    pub(crate) async fn leave(self) {
+    async fn leave(self) {
         let Self {
             census, participant, publisher, subscriber, mut tasks, mut readers, open, ..
         } = self;
@@ -180,6 +214,18 @@ impl JoinedParticipant {
         tasks.shutdown().await;
         // It waits for its threads.
         drop(spawn_blocking(move || drop((census, publisher, subscriber, participant))).await);
+    }
+}
+
+impl FormerParticipant {
+    /// Leaves the domain with it when peers have met the second one, but no sooner than after a while.
+    pub(crate) async fn leave(self, overlap: Duration) {
+        let Self { joined, drains } = self;
+        if !joined.is_lost() {
+            sleep(overlap).await;
+            join_all(drains).await;
+        }
+        joined.leave().await;
     }
 }
 
@@ -213,13 +259,26 @@ impl NewEntity {
     where
         F: Future<Output = ()> + Send + 'static,
     {
-        let take_over = Box::new(|| -> Drain { Box::pin(take_over()) });
-        Self { is_matched: Box::new(|| true), take_over }
+        let take_over = Box::new(|| -> Wait { Box::pin(take_over()) });
+        Self { is_matched: Box::new(|| true), met: Box::new(|| Box::pin(ready(()))), take_over }
     }
 
     /// The same, which is to take over once `is_matched`.
     pub(crate) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_matched: Box::new(is_matched), ..self }
+    }
+
+    /// The same, which its peers have met once the future ends that `met` returns.
+    pub(crate) fn met_by<F>(self, met: impl Fn() -> F + Send + 'static) -> Self
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        Self { met: Box::new(move || -> Wait { Box::pin(met()) }), ..self }
+    }
+
+    /// Waits until its peers have met it.
+    pub(crate) fn met(&self) -> Wait {
+        (self.met)()
     }
 
     /// Returns `true` if it has met the peers of what it is to replace.
