@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use fuseline_deadline::{
-    Accuracy, Case, Choice, End, Guard, Hazard, Loss, Metres, MetresPerSecond,
-    MetresPerSecondSquared, Observation, Observations, Parameters, Situation, Span, Survival,
-    least_loss, mean_loss,
+    Accuracy, Case, Choice, End, Expected, Guard, Hazard, Loss, Metres, MetresPerSecond,
+    MetresPerSecondSquared, Observation, Observations, Parameters, Policy as _, Reason, Situation,
+    Span, Survival, least_loss, mean_loss,
 };
 use proptest::prelude::*;
 
@@ -74,7 +74,7 @@ proptest! {
         }
     }
 
-    /// The chosen deadline costs no more than any other (T3).
+    /// The chosen deadline costs no more than any other, and is the shortest if all cost the same (T3).
     #[test]
     fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
         let loss = |source, response| ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response);
@@ -89,6 +89,20 @@ proptest! {
                     prop_assert!(least <= other + 1e-9, "{other} at {candidate:?}, {least} at {deadline:?}");
                 }
             }
+        }
+        let free = least_loss(steps(), (ms(200), ms(260)), ms(cap), |_, _| 0.0);
+        prop_assert_eq!(free.deadline, ms(200));
+    }
+
+    /// One message in `probe_every` waits as long as the cap allows, whatever the calls did (T6).
+    #[test]
+    fn one_message_in_probe_every_waits_for_the_cap(every in 1..9_u32, calls in observations()) {
+        let mut policy = Expected::<_, 8>::new(ACCURACY, ms(200), Some(every)).unwrap();
+        for (message, Observation { response, is_answered, .. }) in (0..).zip(calls) {
+            let chosen = policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(500));
+            prop_assert_eq!(chosen.reason == Reason::Probe, message % every == 0);
+            prop_assert!(chosen.reason != Reason::Probe || chosen.deadline == ms(500));
+            policy.ended(if is_answered { End::Answered(response) } else { End::Censored(response) });
         }
     }
 
