@@ -503,7 +503,8 @@ async fn what_begins_after_a_clouds_result_was_sent_is_computed_from_its_state()
             let state = state.clone();
             async move {
                 let next = format!("{}l", state.current());
-                sleep(MS).await;
+                // Local computes 1 until the cloud's result was sent, so its own state is not carried.
+                sleep(if t == 1 { 35 * MS } else { MS }).await;
                 state.computed(t, next.clone());
                 Ok(next)
             }
