@@ -193,10 +193,16 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     })
 }
 
-/// D13: in the calm each message goes to local and to each cloud at once, and the best answers it.
+/// D13: nothing is sent to a peer that is seen to be gone. In the calm each message goes to local and to each cloud at once,
+/// and the best answers it.
 fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
     let calm = facts.scenario.calm();
     let best = facts.scenario.peers.len() - 1;
+    for index in 0..=best {
+        let is_there = |at| facts.states(at).any(|state| state.peers[index].is_there);
+        let astray = facts.requested(index).find(|requested| !is_there(requested.at));
+        ensure(astray.is_none(), || format!("{index} was gone and got {astray:?}"))?;
+    }
     let mut count = 0;
     for (message, opened) in facts.pairs() {
         let (t, input) = (opened.t, &facts.inputs[message.serial]);
