@@ -85,7 +85,7 @@ fn d7_no_panic_comes_through() {
     holds("d7_no_panic_comes_through");
 }
 
-/// The operator ends, without an error (D8).
+/// The operator ends without an error, and no call's panic ends it (D7, D8).
 #[test]
 fn d8_everything_ends() {
     holds("d8_everything_ends");
