@@ -327,7 +327,7 @@ pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fau
     Ok(observed)
 }
 
-/// `FIGURE` or `LEAST..GREATEST`.
+/// Reads `FIGURE` or `LEAST..GREATEST`.
 fn span(text: &str) -> Result<Span<f64>, String> {
     let (least, greatest) = text.split_once("..").unwrap_or((text, text));
     match (least.parse(), greatest.parse()) {
@@ -344,14 +344,14 @@ fn distance(text: &str) -> Result<Span<Metres>, String> {
     Ok(span(text)?.map(Metres))
 }
 
-/// `TIME` or `LEAST..GREATEST`.
+/// Reads `TIME` or `LEAST..GREATEST`.
 fn time(text: &str) -> Result<Span<Duration>, String> {
     let (least, greatest) = text.split_once("..").unwrap_or((text, text));
     let read = |text| duration(text, "0.3s", &ANY);
     Ok(Span::new(read(least)?, read(greatest)?))
 }
 
-/// `WEIGHT,RL,RC`.
+/// Reads `WEIGHT,RL,RC`.
 fn hazard(text: &str) -> Result<Hazard, String> {
     let wrong = "write WEIGHT,RL,RC such as 1,39,57";
     let cells: Vec<&str> = text.split(',').collect();

@@ -113,7 +113,7 @@ async fn forward_connection(
     }
 }
 
-/// One call; a caller that gives it up drops it, and with it the call behind.
+/// Forwards one call; a caller that gives it up drops it, and with it the call behind.
 async fn forward_call(
     request: Request<Incoming>,
     mut connection: Connection,
@@ -142,7 +142,7 @@ async fn forward_call(
     }
 }
 
-/// A body each of whose frames, and the end, are that late.
+/// Delays each frame of a body, and its end, by this time.
 fn on_the_way<B>(mut body: B, late: Duration) -> Body
 where
     B: http_body::Body<Data = Bytes> + Send + Unpin + 'static,

@@ -77,7 +77,7 @@ pub(crate) struct AcceptOption {
 }
 
 impl AcceptOption {
-    /// The verdict with what is accepted.
+    /// Returns the verdict with what is accepted.
     pub(crate) fn accepted(&self, found: Findings) -> Findings {
         found.accepting(&self.accept)
     }
@@ -174,7 +174,7 @@ pub(crate) fn reader<R: BufRead>(
 }
 
 impl JudgeOptions {
-    /// Every decision, to the trace's end.
+    /// Makes options that judge every decision, to the trace's end.
     pub(crate) fn strictly() -> Self {
         let (lateness, period) = (None, None);
         Self {
@@ -190,7 +190,7 @@ impl JudgeOptions {
         }
     }
 
-    /// The action at the end of the trace.
+    /// Returns the action at the end of the trace.
     pub(crate) const fn end(&self) -> TraceEnd {
         match (self.truncated, self.ended) {
             (true, _) => TraceEnd::Early,
@@ -199,7 +199,7 @@ impl JudgeOptions {
         }
     }
 
-    /// The verdict with what is accepted.
+    /// Returns the verdict with what is accepted.
     pub(crate) fn accepted(&self, found: Findings) -> Findings {
         self.accept.accepted(found)
     }
@@ -244,7 +244,7 @@ impl JudgeOptions {
         Ok(tolerances)
     }
 
-    /// In nanoseconds, if it is known.
+    /// Returns the period in nanoseconds, if it is known.
     pub(crate) fn period(&self) -> Option<u64> {
         self.period.map(nanos)
     }

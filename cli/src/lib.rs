@@ -211,7 +211,7 @@ fn usage(error: &clap::Error, args: &[OsString]) -> String {
     format!("{message}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
-/// The usage line when the command to drive does not follow `--`.
+/// Returns the usage line if the command to drive does not follow `--`.
 fn unseparated_command(error: &clap::Error, args: &[OsString]) -> Option<String> {
     let has_command = args.iter().any(|arg| arg == "--");
     if has_command || args.get(1).is_none_or(|command| command != "drive") {

@@ -275,7 +275,7 @@ fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bo
     output.is_some() && output == input
 }
 
-/// The output, in a file without a name.
+/// Gathers the output in a file without a name.
 fn gathered(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<File, Fault> {
     let mut out = BufWriter::new(tempfile::tempfile().map_err(Fault::Output)?);
     put(&mut out)?;

@@ -62,7 +62,7 @@ pub(crate) fn manual(args: &ManArgs, mut command: Command) -> Result<Exit, Fault
     Ok(Exit::Conforms)
 }
 
-/// The pages of a command and of those below it.
+/// Writes the pages of a command and of those below it.
 fn put(command: &Command, name: &str, folder: &Folder) -> Result<(), Fault> {
     let mut page = Vec::new();
     let named = command.clone().display_name(name.to_owned());

@@ -12,7 +12,8 @@ use crate::diagnostics::print_line;
 /// Files shorter than this, in bytes, are read before anyone could see a bar.
 const LONG: u64 = 16 << 20;
 
-/// A bar of what is read of the file at `path`, called `name`, among others; hidden where nobody would see it.
+/// Makes a bar of what is read of the file at `path`, called `name`, among others; hidden if nobody
+/// would see it.
 pub(crate) fn bar(bars: &MultiProgress, path: &Path, name: &str) -> ProgressBar {
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     if len < LONG || !io::stderr().is_terminal() {

@@ -102,7 +102,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
-/// By which it shows that a trace has changed.
+/// Returns the state by which a trace shows that it has changed.
 fn state(inputs: &[&Path]) -> Vec<Option<(u64, SystemTime)>> {
     let of = |path: &&Path| {
         let metadata = path.metadata().ok()?;

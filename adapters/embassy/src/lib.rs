@@ -112,7 +112,7 @@ fn apply<V, const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// embassy's clock.
+/// Reads embassy's clock.
 fn now() -> Instant {
     let nanos = u128::from(Clock::now().as_ticks()) * 1_000_000_000 / u128::from(TICK_HZ);
     Instant::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))

@@ -249,7 +249,7 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
-    /// F3: a source's result came.
+    /// Applies a source's result (F3).
     ///
     /// A value of another message than the source may send is a failure (D2, F4), and so is one that is meant for another
     /// message (D18).

@@ -138,7 +138,7 @@ impl PyCalls {
         it.decide(this, at, true, |engine| engine.open(at, t, deadline, job, offers, lineage))
     }
 
-    /// F3: a source's result came, unless it was aborted.
+    /// Applies a source's result, unless its call was aborted (F3).
     fn came(
         this: &Bound<'_, Self>,
         p: u16,
@@ -149,12 +149,12 @@ impl PyCalls {
         this.get().result(this, source, t, value)
     }
 
-    /// F4: a source will send no result.
+    /// Notes that a source will send no result (F4).
     fn fail(this: &Bound<'_, Self>, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
         this.get().decide(this, at, true, |engine| engine.fail(at, t, p, why))
     }
 
-    /// F5: the timer fired, which may be early.
+    /// Serves the timer, which may fire early (F5).
     fn wake_up(this: &Bound<'_, Self>) -> PyResult<()> {
         let it = this.get();
         it.armed.store(NEVER, Ordering::Relaxed);
@@ -228,7 +228,7 @@ impl PyCalls {
         found.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(p))
     }
 
-    /// F3: a result came.
+    /// Applies a result (F3).
     fn result(
         &self,
         this: &Bound<'_, Self>,
@@ -435,7 +435,7 @@ fn is_unchangeable(value: &Bound<'_, PyAny>) -> bool {
         && !value.is_exact_instance_of::<PyTuple>()
 }
 
-/// A value with what it says of its message, if it says so.
+/// Returns a value with the keys that it states about its message.
 fn stamped<'py>(
     py: Python<'py>,
     value: Bound<'py, PyAny>,
@@ -449,7 +449,7 @@ fn stamped<'py>(
     Ok(StampedValue { value: value.getattr(intern!(py, "value"))?, of, meant_for })
 }
 
-/// As Python divides: the nearest float of the quotient.
+/// Divides as Python does: returns the nearest float of the quotient.
 #[expect(clippy::cast_precision_loss, reason = "Python's division rounds as well")]
 fn seconds(nanos: u64) -> f64 {
     nanos as f64 / 1e9

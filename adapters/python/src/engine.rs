@@ -147,7 +147,7 @@ impl PyEngine {
         self.with(|inner| inner.set_situation(situation))
     }
 
-    /// The run is over: if messages are open, the trace says so.
+    /// Ends the run: if messages are open, the trace says so.
     fn end(&self, at: u64) -> PyResult<()> {
         let left = self.with(|inner| {
             inner.end(at);
@@ -157,7 +157,7 @@ impl PyEngine {
         left.map(drop)
     }
 
-    /// The counts.
+    /// Returns the counts.
     #[getter]
     fn counting(&self) -> PyCounting {
         self.counting.clone()
@@ -212,7 +212,7 @@ impl PyEngine {
         })
     }
 
-    /// F3: a source's result came.
+    /// Applies a source's result (F3).
     pub(crate) fn result(
         &self,
         at: u64,
@@ -223,7 +223,7 @@ impl PyEngine {
         self.apply(|inner| inner.result(at, t, p, value))
     }
 
-    /// F4: a source will send no result.
+    /// Notes that a source will send no result (F4).
     pub(crate) fn fail(
         &self,
         at: u64,
@@ -234,13 +234,13 @@ impl PyEngine {
         self.apply(|inner| inner.fail(at, t, p, &why))
     }
 
-    /// As `fail`; what is to be done comes after what is left to do.
+    /// Does what `fail` does; its effects come after those that are left.
     pub(crate) fn fail_later(&self, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
         self.with(|inner| inner.fail(at, t, p, &why))?;
         self.interrupt.take().map_or(Ok(()), Err)
     }
 
-    /// F5: time went by.
+    /// Moves the time (F5).
     pub(crate) fn tick(&self, at: u64) -> PyResult<Option<EngineEffect>> {
         self.apply(|inner| inner.tick(at))
     }
@@ -290,7 +290,7 @@ impl PyEngine {
         }
     }
 
-    /// Never waits: whoever holds it may wait for the interpreter.
+    /// Locks the engine without waiting: whoever holds it may wait for the interpreter.
     fn locked(&self) -> PyResult<MutexGuard<'_, Option<EngineState>>> {
         match self.inner.try_lock() {
             Ok(inner) => Ok(inner),
@@ -324,7 +324,7 @@ impl PendingException {
         self.locked().take()
     }
 
-    /// Nothing of Python's runs while it is held.
+    /// Locks the exception. No code of Python's runs while it is held.
     fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
         lock(&self.0)
     }

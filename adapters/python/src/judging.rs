@@ -170,7 +170,7 @@ fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<
     read(name, trace).map_err(unreadable)
 }
 
-/// A verdict as the package takes it.
+/// Returns a verdict in the form that the package takes.
 pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
     match findings {
         Findings::Strict(verdict) => strict(verdict),

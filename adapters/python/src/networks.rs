@@ -46,7 +46,7 @@ impl PyDrive {
         nanos(self.0.length())
     }
 
-    /// From when on which round trip holds, in nanoseconds.
+    /// Returns each round trip with the instant from which it holds, in nanoseconds.
     fn samples(&self) -> Vec<(u64, Option<u64>)> {
         self.0.samples().map(|(at, trip)| (nanos(at), trip.map(nanos))).collect()
     }
@@ -64,7 +64,7 @@ pub(crate) fn drives() -> Vec<&'static str> {
     built_in().collect()
 }
 
-/// Rival policies over the arrivals of a trace.
+/// Compares rival policies over the arrivals of a trace.
 #[pyfunction]
 #[pyo3(signature = (trace, name, deadline, accuracies))]
 #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
@@ -115,7 +115,8 @@ pub(crate) fn compare_responses(
     })
 }
 
-/// Local only, each cloud alone, whichever is first, and each better one as it comes.
+/// Returns the rivals: local only, each cloud alone, whichever is first, and each better one as it
+/// comes.
 fn rivals(
     messages: &[MessageRecord],
     sources: &[ComparedSource],

@@ -317,7 +317,7 @@ impl SharedExpected {
         }
     }
 
-    /// Never waits: a loss of Python's runs meanwhile.
+    /// Locks the policy without waiting: a loss in Python runs meanwhile.
     fn locked(&self) -> PyResult<MutexGuard<'_, deadline::Expected<AnyLoss, WINDOW>>> {
         match self.policy.try_lock() {
             Ok(policy) => Ok(policy),

@@ -78,7 +78,7 @@ impl TraceSource {
     }
 }
 
-/// Unpacked if need be, and interrupted if somebody asks for it.
+/// Unpacks the trace if need be, and stops if somebody asks for it.
 fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
     Ok(Box::new(InterruptibleReader::new(unpack(trace)?)))
 }

@@ -193,7 +193,7 @@ impl Arguments {
 impl FromStr for Level {
     type Err = ();
 
-    /// As in rcl, in any case of letters.
+    /// Reads a level as rcl does, in upper or lower case.
     fn from_str(name: &str) -> Result<Self, ()> {
         let levels = [
             ("debug", Self::Debug),

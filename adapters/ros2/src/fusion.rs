@@ -140,7 +140,7 @@ impl Transport for NodeFusion<'_> {
         (payload.clone(), self.sources[LOCAL].deadline)
     }
 
-    /// Each cloud that is there gets a request.
+    /// Offers the message to each cloud that is there.
     fn offers(&mut self, _: u64, payload: &Payload) -> impl Iterator<Item = Offer<Payload>> {
         let requested = self.sources.iter().skip(1).filter(|it| it.enabled && it.is_reached());
         requested.map(|source| Offer {
@@ -197,7 +197,8 @@ impl Transport for NodeFusion<'_> {
         }
     }
 
-    /// A late result may help with the next messages. It never goes to the output's topic.
+    /// Publishes a late result, which may help with the next messages. It never goes to the
+    /// output's topic. It never goes to the output's topic.
     fn hint(&mut self, hint: Hint<Payload>) {
         let Hint { source, value, timestamp, why, .. } = hint;
         let of = self.sources.iter().find(|it| it.priority == source.priority);
@@ -208,7 +209,7 @@ impl Transport for NodeFusion<'_> {
         }
     }
 
-    /// F7, F9: what became of a message goes out; on the output's topic once, as the last one.
+    /// Publishes an item: on the output's topic once, as the last one (F7, F9).
     fn output(&mut self, item: Item<Payload>) {
         let LoopState { stamps, preliminary, intake, .. } = &mut self.memory;
         let timestamp = item.timestamp;

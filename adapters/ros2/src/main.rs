@@ -68,7 +68,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// The reason why the node would not start.
+/// Returns the reason why the node would not start.
 fn check(settings: &Settings) -> Result<(), NodeError> {
     runtime()?.block_on(async { fuseline_ros2::check(settings) })
 }

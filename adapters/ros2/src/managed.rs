@@ -123,7 +123,7 @@ async fn configured(
     ended
 }
 
-/// It answers its services until it is to end.
+/// Answers its services until it is to end.
 async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
     order.done(TransitionResult::Success);
     if !stop.is_requested() {

@@ -40,7 +40,7 @@ pub(crate) trait Publish: Send + Sync {
         self.end().matched()
     }
 
-    /// The topic's end.
+    /// Returns the topic's end.
     fn end(&self) -> &Arc<Endpoint>;
 }
 
@@ -192,7 +192,7 @@ impl Graph {
         }
     }
 
-    /// All of the node is published and served.
+    /// Completes the node: all of it is published and served.
     pub(crate) fn complete(&mut self) -> Result<(), NodeError> {
         self.node.take().map_or(Ok(()), RosNode::complete)
     }
@@ -218,7 +218,7 @@ impl Graph {
     }
 }
 
-/// Now, in nanoseconds.
+/// Returns the time of day, in nanoseconds.
 pub(crate) fn time_of_day() -> i64 {
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     i64::try_from(now.as_nanos()).unwrap_or(i64::MAX)

@@ -228,7 +228,7 @@ pub(crate) fn recorded(
     Ok((engine, created))
 }
 
-/// Local and the clouds, with their topics or their servers.
+/// Returns local and the clouds, with their topics or their servers.
 fn sources(
     settings: &Settings,
     graph: &mut Graph,

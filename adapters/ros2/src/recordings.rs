@@ -18,7 +18,7 @@ use crate::settings::Settings;
 pub(crate) struct CreatedFiles(Vec<PathBuf>);
 
 impl CreatedFiles {
-    /// The node started.
+    /// Keeps the recordings, because the node started.
     pub(crate) fn keep(mut self) {
         self.0.clear();
     }
@@ -146,7 +146,8 @@ fn is_full(path: &Path) -> bool {
         && fs::metadata(path).is_ok_and(|it| it.rdev() == makedev(1, 7))
 }
 
-/// The first has the name that was given; then `trace.jsonl` is `trace-2.jsonl`, and so on.
+/// Returns the numbered name: the first one has the name that was given, and then `trace.jsonl` is
+/// `trace-2.jsonl`, and so on.
 fn numbered(path: &Path, number: u32) -> PathBuf {
     if number == 1 || is_special(path) {
         return path.to_owned();

@@ -43,7 +43,7 @@ impl SilenceDetector {
         Some(now.duration_since(since)).filter(|it| *it > self.patience.unwrap_or(FIRST))
     }
 
-    /// A message came.
+    /// Notes that a message came.
     pub(crate) fn beat(&mut self, now: Instant) {
         // A silence is not a gap, or the next silence would be reported too late.
         if let Some(last) = self.last
@@ -57,7 +57,7 @@ impl SilenceDetector {
         self.last = Some(now);
     }
 
-    /// A publisher came and needs time to begin.
+    /// Notes that a publisher came, which needs time to begin.
     pub(crate) fn rest(&mut self, now: Instant) {
         if let Some(last) = &mut self.last {
             *last = now;

@@ -78,7 +78,7 @@ impl NodeSource {
         }
     }
 
-    /// The topics' ends, to report peers that do not fit.
+    /// Returns the topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &Endpoint> {
         let ends = match &self.route {
             Route::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],

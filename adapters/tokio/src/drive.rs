@@ -86,7 +86,7 @@ pub trait Transport {
         None
     }
 
-    /// Is called when a message was accepted and offered to all clouds.
+    /// Called when a message was accepted and offered to all clouds.
     fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
         let _ = (timestamp, message);
     }
@@ -329,7 +329,7 @@ impl<T: Transport> Driver<T> {
         Poll::Pending
     }
 
-    /// A message came (F1), so it is offered to each cloud (F2).
+    /// Opens a message (F1), and offers it to each cloud (F2).
     fn message(&mut self, timestamp: u64, message: &T::Message) {
         // The open and all offers happen at one instant, so equal deadlines end together.
         let now = self.now;
@@ -350,7 +350,7 @@ impl<T: Transport> Driver<T> {
         }
     }
 
-    /// A result or a failure came (F3, F4).
+    /// Applies a result or a failure (F3, F4).
     fn complete(&mut self, Completion { priority, timestamp, result }: Completion<T::Value>) {
         let now = self.now;
         self.spans.complete((priority, timestamp), &result);

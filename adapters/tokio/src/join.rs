@@ -466,7 +466,7 @@ fn now() -> std::time::Instant {
     Instant::now().into_std()
 }
 
-/// A handler that panics costs its own message only (D7).
+/// Calls a handler. A panic in it costs its own message only (D7).
 fn guarded(handler: impl FnOnce()) {
     if let Err(panic) = catch_unwind(AssertUnwindSafe(handler)) {
         error!(why = reason(&*panic), "a handler of the join panicked");

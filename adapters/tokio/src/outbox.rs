@@ -27,7 +27,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
         Self { writer, lineage_of, waiting: VecDeque::new(), room: None }
     }
 
-    /// E1: writes it now, or when those before it were.
+    /// Writes the message now, or once those before it were written (E1).
     pub(crate) fn push(&mut self, message: T) {
         if self.waiting.is_empty() {
             match self.write(message) {

@@ -193,7 +193,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
 }
 
 impl<I: Send + Sync + 'static, O> Streams<I, O> {
-    /// The message of an item, which is let go of with the last one.
+    /// Returns the message of an item. The last item takes it away.
     fn carry(&mut self, t: u64, is_last: bool) -> Option<CarriedMessage> {
         let carried = self.carried.as_mut()?;
         let index = carried.binary_search_by_key(&t, |(t, _)| *t).ok()?;

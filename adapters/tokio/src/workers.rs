@@ -136,7 +136,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> LocalWorker<I, O> {
         !is_replaced
     }
 
-    /// Nothing panics while it is held.
+    /// Locks the computations. Nothing panics while the lock is held.
     fn running(&self) -> MutexGuard<'_, Vec<(u64, bool)>> {
         lock(&self.running)
     }

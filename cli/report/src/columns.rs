@@ -228,7 +228,7 @@ impl TraceColumns {
         columns
     }
 
-    /// The same, of a part of the trace.
+    /// Marks the columns as those of a part of the trace.
     pub(crate) const fn of_part(mut self) -> Self {
         self.is_part = true;
         self
@@ -461,7 +461,7 @@ impl Serialize for ExactNumber {
     }
 }
 
-/// Ascending numbers, each as its difference from the one before.
+/// Returns ascending numbers, each as its difference from the one before.
 fn differences(numbers: &[u64]) -> Vec<ExactNumber> {
     let before = std::iter::once(&0).chain(numbers);
     numbers.iter().zip(before).map(|(number, before)| ExactNumber(number - before)).collect()

@@ -59,7 +59,7 @@ impl RequestDeadlines {
         *self.of.entry(p).or_default().entry(deadline).or_default() += 1;
     }
 
-    /// The commonest times from a message until a request is due, this many at most.
+    /// Returns the commonest times from a message until a request is due, at most `most` of them.
     pub(crate) fn commonest(&self, most: usize) -> Vec<u64> {
         let mut counted: Vec<(&u64, &u64)> = self.after_open.iter().collect();
         counted.sort_by_key(|(deadline, count)| (Reverse(**count), **deadline));
@@ -79,7 +79,7 @@ impl RequestDeadlines {
     }
 }
 
-/// To this many digits, to the nearest.
+/// Rounds to this many digits, to the nearest.
 fn rounded(nanos: u64) -> u64 {
     let unit = 10_u64.pow(nanos.checked_ilog10().unwrap_or(0).saturating_sub(DIGITS - 1));
     nanos.saturating_add(unit / 2) / unit * unit

@@ -102,14 +102,14 @@ impl TraceJudge {
         Self { judge, part: None }
     }
 
-    /// The same, for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict judge compares
-    /// decisions alone and takes no notice of it.
+    /// Judges for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict
+    /// judge compares decisions alone and takes no notice of it.
     #[must_use]
     pub fn with_period(self, period: u64) -> Self {
         self.map(|judge| judge, |judge| judge.with_period(period))
     }
 
-    /// The same, of a trace whose header has these further keys.
+    /// Judges a trace whose header has these further keys.
     #[must_use]
     pub fn with_header_annotations(self, annotations: &HeaderAnnotations) -> Self {
         self.map(
@@ -118,14 +118,14 @@ impl TraceJudge {
         )
     }
 
-    /// The same, where the stamps of source `p` have an error of their own, in nanoseconds; 0 is local. The strict judge
-    /// takes stamps as they are.
+    /// Judges with a tolerance for the stamps of source `p` alone, in nanoseconds; 0 is local. The
+    /// strict judge takes stamps as they are.
     #[must_use]
     pub fn with_tolerance_of(self, p: u64, tolerance: u64) -> Self {
         self.map(|judge| judge, |judge| judge.with_tolerance_of(p, tolerance))
     }
 
-    /// The same, which also notes where each violation is beyond those that it reports in full.
+    /// Also notes where each violation is beyond those that it reports in full.
     #[must_use]
     pub fn with_places(mut self) -> Self {
         if let Some(part) = &mut self.part {
@@ -135,7 +135,7 @@ impl TraceJudge {
         self.map(Judge::with_places, observed::Judge::with_places)
     }
 
-    /// The same, whose verdict is about a part of the trace: what is counted and found there.
+    /// Gives a verdict about a part of the trace: what is counted and found there.
     #[must_use]
     pub fn with_part(mut self, part: TraceRange) -> Self {
         let (found, alone) = match &self.judge {
@@ -367,7 +367,7 @@ impl Findings {
         self
     }
 
-    /// The same, accepting these kinds of doubt.
+    /// Accepts these kinds of doubt.
     #[must_use]
     pub fn accepting(self, kinds: &[DoubtKind]) -> Self {
         match self {

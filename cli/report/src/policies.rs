@@ -165,7 +165,7 @@ fn put_out(
     PolicyChoice { response, in_time: vec![in_time] }
 }
 
-/// One source's result, whenever it comes.
+/// Chooses one source's result, whenever it comes.
 fn alone(arrivals: &[ArrivalTime], source: usize, deadline: Duration) -> PolicyChoice {
     let in_time = match arrivals[source] {
         ArrivalTime::At(at) if at < deadline => vec![Some(source)],

@@ -153,19 +153,19 @@ impl RequestRow {
         self.counts[7]
     }
 
-    /// Requests whose results came in time.
+    /// Returns the number of requests whose results came in time.
     #[must_use]
     pub const fn answered(&self) -> u64 {
         self.forwarded() + self.counts[OutcomeColumn::Discarded as usize]
     }
 
-    /// Requests that ran to their deadlines or failed.
+    /// Returns the number of requests that ran to their deadlines or failed.
     #[must_use]
     pub const fn lost(&self) -> u64 {
         self.counts[OutcomeColumn::Late as usize] + self.counts[OutcomeColumn::Failed as usize]
     }
 
-    /// Results that went downstream.
+    /// Returns the number of results that went downstream.
     #[must_use]
     pub const fn forwarded(&self) -> u64 {
         self.counts[OutcomeColumn::Forwarded as usize]
@@ -173,7 +173,7 @@ impl RequestRow {
 }
 
 impl TraceStatistics {
-    /// Nothing yet, for clouds of these priorities.
+    /// Makes empty statistics for clouds of these priorities.
     pub fn new(clouds: impl IntoIterator<Item = u16>, commit: Commit, is_observed: bool) -> Self {
         let priorities: Vec<u64> =
             [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
@@ -379,14 +379,14 @@ impl TraceStatistics {
         self.stories.or_insert_with(t, TimestampHistory::default)
     }
 
-    /// The source's call for a timestamp, if the source is known.
+    /// Changes the source's call for a timestamp, if the source is known.
     fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if let Some(source) = self.source(p) {
             act(self.story(t).call(source));
         }
     }
 
-    /// The same, for a stranger too.
+    /// Changes the source's call for a timestamp, even that of a stranger.
     fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if self.source(p).is_none() {
             self.priorities.push(p);

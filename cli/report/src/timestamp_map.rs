@@ -38,7 +38,7 @@ impl<T> TimestampMap<T> {
         self.values.get_mut(index)
     }
 
-    /// All of them, ascending.
+    /// Returns all of them, ascending.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u64, &T)> {
         self.indices.iter().map(|(t, index)| (*t, &self.values[*index]))
     }

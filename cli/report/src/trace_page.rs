@@ -71,28 +71,29 @@ impl PageWriter {
 }
 
 impl TracePage<'_> {
-    /// The same, judged for an operator with this period; see [`TraceJudge::with_period`].
+    /// Judges for an operator with this period; see [`TraceJudge::with_period`].
     #[must_use]
     pub fn with_period(mut self, period: u64) -> Self {
         self.judging = self.judging.with_period(period);
         self
     }
 
-    /// The same, of a trace whose header has these further keys; see [`TraceJudge::with_header_annotations`].
+    /// Judges a trace whose header has these further keys; see
+    /// [`TraceJudge::with_header_annotations`].
     #[must_use]
     pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
         self.judging = self.judging.with_header_annotations(annotations);
         self
     }
 
-    /// The same, where a source's stamps have an error of their own; see [`TraceJudge::with_tolerance_of`].
+    /// Judges with a tolerance for one source's stamps; see [`TraceJudge::with_tolerance_of`].
     #[must_use]
     pub fn with_tolerance_of(mut self, p: u64, tolerance: u64) -> Self {
         self.judging = self.judging.with_tolerance_of(p, tolerance);
         self
     }
 
-    /// The same, of which the page shows a part; see [`TraceJudge::with_part`].
+    /// Shows a part of the trace; see [`TraceJudge::with_part`].
     #[must_use]
     pub fn with_part(mut self, part: TraceRange) -> Self {
         self.judging = self.judging.with_part(part).with_places();

@@ -57,7 +57,8 @@ impl Entry {
         (ev, at, t, p, due, ids, more)
     }
 
-    /// Its line in a trace, where instants are moved by `shift` and `number` numbers messages.
+    /// Returns its line in a trace, where instants are moved by `shift` and `number` numbers
+    /// messages.
     pub(super) fn line(
         &self,
         shift: i128,

@@ -38,7 +38,7 @@ enum Whose {
     Own,
 }
 
-/// `open=COLUMN` of the frame, or `SOURCE.result=COLUMN` of a source.
+/// Reads `open=COLUMN` of the frame, or `SOURCE.result=COLUMN` of a source.
 pub(super) fn frame_column(text: &str) -> Result<FrameColumn, String> {
     let (what, column) = text.split_once('=').ok_or("write open=COLUMN or SOURCE.result=COLUMN")?;
     let column = column.to_owned();

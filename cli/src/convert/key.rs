@@ -34,13 +34,13 @@ pub(super) fn word(noun: &str, given: &str, all: &[&'static str]) -> Result<&'st
     known.ok_or_else(|| format!("no {noun}{given:?}; it is one of {}", all.join(", ")))
 }
 
-/// `KEY=NAME`: a key of the trace, and what the file calls it.
+/// Reads `KEY=NAME`: a key of the trace, and the file's name for it.
 pub(super) fn column(text: &str) -> Result<(&'static str, String), String> {
     let (key, name) = text.split_once('=').ok_or("write KEY=NAME, such as at=stamp")?;
     Ok((word("key ", key, &KEYS)?, name.to_owned()))
 }
 
-/// `NAME=EV`: what the file calls an event of a trace; `NAME=` leaves those events out.
+/// Reads `NAME=EV`: the file's name for an event of a trace; `NAME=` leaves those events out.
 pub(super) fn event(text: &str) -> Result<(String, &'static str), String> {
     let (name, event) = text.rsplit_once('=').ok_or("write NAME=EV, such as response=result")?;
     let known = EVENTS.iter().map(|(known, _)| *known).chain([""]).find(|known| *known == event);
@@ -48,14 +48,14 @@ pub(super) fn event(text: &str) -> Result<(String, &'static str), String> {
     Ok((name.to_owned(), event))
 }
 
-/// `UNIT` or `KEY=UNIT`: the unit of all times, or of one key's.
+/// Reads `UNIT` or `KEY=UNIT`: the unit of all times, or of one key's.
 pub(super) fn unit(text: &str) -> Result<(Option<&'static str>, Unit), String> {
     let Some((key, name)) = text.split_once('=') else { return Ok((None, Unit::named(text)?)) };
     let unit = Unit::named(name)?;
     Ok((Some(word("time ", key, &TIMES)?), unit))
 }
 
-/// `TIME`, or `SOURCE=TIME`: how long requests have that do not say so.
+/// Reads `TIME`, or `SOURCE=TIME`: the deadline of requests that state none.
 pub(super) fn deadline(text: &str) -> Result<(Option<String>, u64), &'static str> {
     let (source, time) = match text.rsplit_once('=') {
         Some((source, time)) => (Some(source.to_owned()), time),

@@ -185,7 +185,8 @@ impl Log {
         vec![false; self.entries.len()]
     }
 
-    /// The runs of the log, each in the order of its instants, and where those after the first begin.
+    /// Returns the runs of the log, each in the order of its instants, and where those after the
+    /// first begin.
     pub(super) fn runs(
         mut self,
         options: OrderOptions,
@@ -234,7 +235,7 @@ impl Log {
         self.has_ids && ids.all(|id| matches!(id, Id::Number(_)))
     }
 
-    /// By how much instants are moved so that none is negative.
+    /// Returns the time by which instants are moved so that none is negative.
     fn shift(&self, notes: &mut Notes) -> i128 {
         let Some(first) = self.entries.iter().min_by_key(|entry| entry.at) else { return 0 };
         if first.at >= 0 {

@@ -45,7 +45,7 @@ impl Notes {
         self.add_with(kind, place, detail, String::new);
     }
 
-    /// The same, with what the user can do about it.
+    /// Adds a note with what the user can do about it.
     pub(super) fn add_with<R: Into<String>>(
         &mut self,
         kind: &'static str,
@@ -121,7 +121,7 @@ impl Names {
         self.0.keys().map(|name| &**name)
     }
 
-    /// Each name with its count and some of its values.
+    /// Returns each name with its count and some of its values.
     pub(super) fn described(&self) -> Vec<String> {
         let one = |(name, NameUse { count, values }): (&Arc<str>, &NameUse)| {
             let more = if values.len() == VALUES { ", …" } else { "" };

@@ -80,7 +80,8 @@ const DEPTH: usize = 64;
 /// The content of a file, span by span.
 type ReadSpans = Vec<Result<SpanRecord, Problem>>;
 
-/// All spans of a file, which is one export or several, one after the other; the last problem may be that it is cut.
+/// Returns all spans of a file, which is one export or several, one after the other; the last
+/// problem may be that it is cut.
 pub(super) fn read(file: &Arc<str>, inner: impl Read) -> Result<ReadSpans, Problem> {
     let mut spans = Vec::new();
     for export in serde_json::Deserializer::from_reader(inner).into_iter::<Value>() {

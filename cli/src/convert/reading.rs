@@ -186,7 +186,7 @@ impl<'a> LogReader<'a> {
         Ok(())
     }
 
-    /// `SQLite` reads the file by its name.
+    /// Lets `SQLite` read the file by its name.
     fn read_database(&mut self, file: &LogFile) -> Result<(), Fault> {
         let (path, _unpacked) = file.on_disk()?;
         let messages = crate::convert::db3::Db3Messages::open(&path, &self.topics);

@@ -104,7 +104,8 @@ impl SpanReader<'_, '_> {
         Ok(())
     }
 
-    /// Each span once: an exporter that tries again delivers some twice. A copy that has ended says more.
+    /// Keeps each span once: an exporter that tries again delivers some twice. A copy that has
+    /// ended says more.
     fn unique<'s>(&mut self, spans: &'s [SpanRecord]) -> Vec<&'s SpanRecord> {
         let mut places: HashMap<&SpanId, usize> = HashMap::new();
         let mut unique: Vec<&SpanRecord> = Vec::new();

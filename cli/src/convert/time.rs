@@ -46,7 +46,7 @@ impl Unit {
         found.ok_or_else(|| format!("no unit {name:?}; it is one of ns, us, ms, s"))
     }
 
-    /// Its name, and how many digits it has more than a nanosecond.
+    /// Returns its name, and how many digits it has more than a nanosecond.
     const fn described(self) -> (&'static str, i32) {
         let (name, _, digits) = Self::ALL[self as usize];
         (name, digits)

@@ -29,7 +29,7 @@ pub(super) trait Recording {
     /// Returns the next message of the topics, with which of them it is of; none at the end.
     fn message(&mut self) -> Result<Option<RawMessage>, (String, bool)>;
 
-    /// All topics so far.
+    /// Returns all topics so far.
     fn topics(&self) -> Vec<String>;
 }
 
@@ -59,7 +59,7 @@ pub(super) struct ServiceRows {
     first: Option<Place>,
 }
 
-/// `TOPIC`, or `[SOURCE.]EVENT=TOPIC`.
+/// Reads `TOPIC`, or `[SOURCE.]EVENT=TOPIC`.
 pub(super) fn topic(text: &str) -> Result<TopicChoice, String> {
     let (option, (what, name)) = (text.to_owned(), text.split_once('=').unwrap_or(("", text)));
     if !text.contains('=') {

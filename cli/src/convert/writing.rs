@@ -110,7 +110,7 @@ pub(super) fn write_runs(
     Ok(Exit::Conforms)
 }
 
-/// `trace-2.jsonl` for `trace.jsonl`.
+/// Returns `trace-2.jsonl` for `trace.jsonl`.
 fn numbered(path: &Path, number: usize) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let end = path.extension().map(|end| format!(".{}", end.to_string_lossy()));

@@ -211,7 +211,7 @@ fn generated(name: &str) -> Option<(CaseKind, u64, u64)> {
     Some((kind, seed.parse().ok()?, number.parse().ok()?))
 }
 
-/// A file's name without its folder and what follows the first dot.
+/// Returns a file's name without its folder and what follows the first dot.
 fn stem(name: &str) -> String {
     let file = Path::new(name).file_name().unwrap_or_default().to_string_lossy();
     let stem = file.split('.').next().unwrap_or_default();

@@ -60,7 +60,7 @@ pub(super) struct NumberBits {
 }
 
 impl NumberBits {
-    /// All of them, with their names.
+    /// Returns all of them, with their names.
     pub(super) const fn all(self) -> [(&'static str, u32); 6] {
         let Self { timestamps, instants, deadlines, priorities, backlogs, limits } = self;
         [

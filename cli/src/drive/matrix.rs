@@ -32,7 +32,7 @@ struct CaseRow {
 }
 
 impl TableWriter {
-    /// The file's name says the form.
+    /// Takes the form from the file's name.
     pub(super) fn new(path: &str) -> Result<Self, String> {
         let path = PathBuf::from(path);
         let form = match path.extension().and_then(|end| end.to_str()) {

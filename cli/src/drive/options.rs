@@ -121,7 +121,7 @@ impl Args {
         Generate { version: self.generator, seed: self.seed, commit, clouds: self.clouds }
     }
 
-    /// The limits of generated runs.
+    /// Returns the limits of generated runs.
     pub(super) fn limits(&self) -> DriveLimits {
         let is_limited = self.cases.is_some() || self.budget.is_some();
         let inputs = self.inputs.unwrap_or(if is_limited { u64::MAX } else { INPUTS });

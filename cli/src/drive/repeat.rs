@@ -189,7 +189,7 @@ fn fewer(
     RepeatedFinding { finding: best, need: Need::Before { runs: before, cases } }
 }
 
-/// The runs as they were sent.
+/// Returns the runs as they were sent.
 fn runs(suite: &Suite, sent: &[SentCase]) -> Vec<Run> {
     let run = |sent: &SentCase| {
         let mut run = suite.at(sent.place)?.run;

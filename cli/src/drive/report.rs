@@ -159,7 +159,7 @@ impl ReportedFinding {
         }
     }
 
-    /// The runs that it needs to appear again, if it needs more than its own.
+    /// Returns the runs that it needs to appear again, if it needs more than its own.
     fn needs(&self) -> Option<String> {
         match &self.need {
             Need::Nothing | Need::Untried => None,
@@ -177,7 +177,7 @@ impl ReportedFinding {
         }
     }
 
-    /// The smallest run in words, its last input's decisions left out.
+    /// Prints the smallest run in words, its last input's decisions left out.
     fn print_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
         let events = &self.finding.reported.events;
         let last = events.iter().rposition(|(event, _)| matches!(event, Event::Input(_)));

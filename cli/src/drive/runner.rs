@@ -82,7 +82,7 @@ impl<'a> CaseRunner<'a> {
         Self { args, limits, bench, bar, since: now, reported: now, report }
     }
 
-    /// All fixed cases, and the generated ones up to the first difference.
+    /// Drives all fixed cases, and the generated ones up to the first difference.
     pub(super) fn all(&mut self) -> Result<(), DriveStop> {
         let mut first = None;
         let driven = self.fixed(&mut first);
@@ -97,7 +97,7 @@ impl<'a> CaseRunner<'a> {
         Ok(())
     }
 
-    /// The generated cases up to the first difference, or until there are enough.
+    /// Drives the generated cases up to the first difference, or until there are enough.
     fn generated(&mut self) -> Result<(), DriveStop> {
         for number in 0..self.report.suite.generated {
             if self.report.passed_inputs >= self.limits.inputs {
@@ -124,7 +124,7 @@ impl<'a> CaseRunner<'a> {
         Ok(())
     }
 
-    /// The fixed cases; `first` becomes the difference that shows most.
+    /// Drives the fixed cases; `first` becomes the difference that shows most.
     ///
     /// A command that does not answer, or not by the protocol, is not tried case after case.
     fn fixed(

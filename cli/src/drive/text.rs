@@ -10,7 +10,7 @@ pub(super) fn event(event: &Event) -> String {
     }
 }
 
-/// A decision as a judge writes it, in words.
+/// Returns a decision as a judge writes it, in words.
 fn reported(line: &str) -> String {
     match parse(line.as_bytes()) {
         Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),

@@ -167,7 +167,7 @@ impl DriveReport {
     }
 }
 
-/// A run as it is sent.
+/// Returns a run as it is sent.
 fn text(run: &Run) -> String {
     let mut text = Vec::new();
     run.write(&mut text);

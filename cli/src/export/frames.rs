@@ -73,7 +73,8 @@ impl Frames {
         }
     }
 
-    /// After all events: finds out how far the clocks are apart, and puts each frame's messages in order.
+    /// Finds out, after all events, how far the clocks are apart, and puts each frame's messages in
+    /// order.
     pub(super) fn align(&mut self) {
         let mut known = vec![false; self.offsets.len()];
         if let Some(first) = known.first_mut() {
@@ -91,7 +92,7 @@ impl Frames {
         }
     }
 
-    /// One trace's view.
+    /// Returns one trace's view.
     pub(super) const fn of(&self, trace: usize) -> TraceFrames<'_> {
         TraceFrames { frames: self, trace }
     }

@@ -122,7 +122,7 @@ impl<W: Write> SpanWriter<W> {
         self.lost.entry(what).or_insert((0, t)).0 += 1;
     }
 
-    /// A line of a message that has no span: its own has ended, or it was never opened.
+    /// Notes a line of a message that has no span: its own has ended, or it was never opened.
     fn loses_late(&mut self, what: &'static str, t: u64) {
         let is_known = self.newest.is_some_and(|newest| t <= newest);
         self.loses(if is_known { what } else { STRANGER }, t);
@@ -270,7 +270,7 @@ impl<W: Write> SpanWriter<W> {
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    /// The end's instant is none where the trace ends first.
+    /// Ends a message; the instant of the end is none if the trace ends first.
     fn end_message(
         &mut self,
         at: Option<u64>,
@@ -339,7 +339,7 @@ impl SpanAttributes {
         }
     }
 
-    /// The keys of a result's or an output's value.
+    /// Writes the keys of a result's or an output's value.
     fn value(&mut self, ValueKeys { of, meant_for }: ValueKeys) {
         self.optional("fuseline.of", of);
         self.optional("fuseline.for", meant_for);
@@ -441,7 +441,7 @@ fn digest(text: &str, bytes: usize) -> String {
     digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect()
 }
 
-/// A text as JSON has it, in quotes.
+/// Returns a text as JSON has it, in quotes.
 fn in_json(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }

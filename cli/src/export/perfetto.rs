@@ -184,7 +184,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.put("", &event)
     }
 
-    /// One more track for a source.
+    /// Adds one more track for a source.
     fn add(&mut self, p: Option<u64>) -> io::Result<()> {
         self.latest_track += 1;
         let number = self.latest_track;
@@ -312,7 +312,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         micros(self.frames.shared(at))
     }
 
-    /// An instant on a source's track.
+    /// Writes an instant on a source's track.
     fn of_source(&mut self, at: u64, p: u64, t: u64, label: &str) -> io::Result<()> {
         let track = self.first(p)?;
         self.instant(at, track, t, label)

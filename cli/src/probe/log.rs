@@ -37,7 +37,8 @@ impl<W: Write> ProbeLog<W> {
         Self { pace, figures, latest: None, rows, period, runtime, deadline, pause: None }
     }
 
-    /// A slot was due and is here; gives the number of its row if a request is to be sent.
+    /// Notes that a slot was due and is here; returns the number of its row if a request is to be
+    /// sent.
     pub(crate) fn slot(&mut self, due: Duration, now: Duration, utc_ms: i64) -> Option<u64> {
         let row = SlotRow {
             sent: now,
@@ -66,7 +67,7 @@ impl<W: Write> ProbeLog<W> {
         }
     }
 
-    /// The number of slots that passed while this host did something else.
+    /// Notes the number of slots that passed while this host did something else.
     pub(crate) fn overslept(&mut self, slots: u32) {
         self.figures.counts.slots += u64::from(slots);
         if self.pause.is_some() {
@@ -83,7 +84,7 @@ impl<W: Write> ProbeLog<W> {
         }
     }
 
-    /// The request of that row was answered after this long, or failed.
+    /// Notes that the request of that row was answered after this long, or failed.
     pub(crate) fn ended(&mut self, number: u64, round_trip: Option<Duration>, now: Duration) {
         let Figures { counts, answers, slots, .. } = &mut self.figures;
         if let Some(round_trip) = round_trip {
@@ -103,7 +104,7 @@ impl<W: Write> ProbeLog<W> {
         }
     }
 
-    /// The pause is over.
+    /// Ends the pause.
     fn resume(&mut self, now: Duration) {
         let Some(Pause { first, skipped }) = self.pause.take() else { return };
         self.figures.paused += now.saturating_sub(first);
@@ -120,7 +121,7 @@ impl<W: Write> ProbeLog<W> {
         self.rows.write()
     }
 
-    /// Nothing more comes: what is under way stays unanswered, and a pause had no end.
+    /// Ends the recording: what is under way stays unanswered, and a pause has no end.
     ///
     /// # Errors
     /// If the rows cannot be written.

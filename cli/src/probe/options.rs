@@ -114,7 +114,7 @@ impl Args {
         })
     }
 
-    /// Whom `--serve` lets in.
+    /// Returns the server, with the clients that `--serve` lets in.
     ///
     /// # Errors
     /// If a file that it is described with is of no use.

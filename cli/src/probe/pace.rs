@@ -21,7 +21,7 @@ pub(crate) struct SendPacing {
 }
 
 impl SendPacing {
-    /// A slot is due.
+    /// Decides about a slot that is due.
     pub(crate) const fn slot(&mut self) -> SlotAction {
         if self.is_paused {
             return SlotAction::Skip;
@@ -34,7 +34,7 @@ impl SendPacing {
         SlotAction::Send
     }
 
-    /// A request was answered or failed; says whether that ends a pause.
+    /// Notes that a request was answered or failed; returns whether that ends a pause.
     pub(crate) const fn ended(&mut self) -> bool {
         self.queued = self.queued.saturating_sub(1);
         let is_over = self.is_paused && self.queued == 0;

@@ -116,7 +116,7 @@ fn described(error: &TableError) -> String {
 }
 
 impl RowCells {
-    /// The problem: the column, the figure, and its allowed values.
+    /// Returns the problem: the column, the figure, and its allowed values.
     fn check(&self, before: f64) -> Result<(), (&'static str, f64, &'static str)> {
         if !(self.sent_ms > before && self.sent_ms.abs() <= LATEST_MS) {
             return Err(("sent_ms", self.sent_ms, "milliseconds, greater than the line before"));

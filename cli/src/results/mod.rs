@@ -148,7 +148,7 @@ fn in_doubt(doubt: &Doubt, file: &str) -> Problem {
     }
 }
 
-/// All rules that a trace is judged by, and those that were broken besides.
+/// Returns all rules that a trace is judged by, and those that were broken besides.
 fn rules(judged: &[Subject]) -> BTreeMap<&'static str, &'static str> {
     let broken = judged.iter().flat_map(|judged| &judged.problems).map(|problem| problem.rule);
     Rule::ALL.into_iter().map(|rule| (rule.id(), rule.sentence())).chain(broken).collect()

@@ -41,7 +41,7 @@ struct CloudDeadline {
 }
 
 impl RunDeadlines {
-    /// Up to the plan's deadline, by its price.
+    /// Makes policies up to the plan's deadline, by its price.
     pub(crate) fn new(plan: &RunPlan) -> Self {
         let aps = plan.clouds.iter().map(|cloud| cloud.served.ap);
         Self::expected(plan.deadline(), plan.commit, &plan.local, aps, plan.price_per_ms)
@@ -72,7 +72,7 @@ impl RunDeadlines {
         })))
     }
 
-    /// A message came: chooses for all clouds. No policy needs more of the vehicle.
+    /// Chooses for all clouds when a message came. No policy needs more of the vehicle.
     pub(crate) fn next(&self) -> Situation<'static> {
         let situation = Situation::UNKNOWN;
         let DeadlineState { cap, commit, policies, chosen, .. } = &mut *self.state();

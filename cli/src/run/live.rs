@@ -66,7 +66,7 @@ impl<'a> RunProgress<'a> {
     }
 }
 
-/// All that came, as in the tables, and whose results were forwarded.
+/// Returns all that came, as in the tables, and whose results were forwarded.
 fn state(tally: &Tally) -> String {
     let refused: u64 = tally.refused.values().sum();
     let messages = counted(tally.messages + refused, "message");

@@ -297,7 +297,7 @@ impl RunPlan {
 }
 
 impl DeadlinePolicy {
-    /// Its name, as it is chosen.
+    /// Returns its name, as it is chosen.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Expected => "expected",
@@ -322,7 +322,7 @@ impl CloudPlan {
         Ok(Self { name, priority, served: known, server })
     }
 
-    /// Its emulation, if it is one.
+    /// Returns its emulation, if it is one.
     pub(crate) const fn emulation(&self) -> Option<&Emulation> {
         match &self.server {
             CloudServer::Emulated(emulation) => Some(emulation),
@@ -359,7 +359,7 @@ fn page_of(
     Output::or_numbered(path, PAGE, &read, overwrite)
 }
 
-/// Up to a day.
+/// Reads a time of at most a day.
 fn span(text: &str) -> Result<Duration, String> {
     duration(text, "30s", &(SHORTEST..=Duration::from_secs(86_400)))
 }

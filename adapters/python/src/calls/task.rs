@@ -199,7 +199,7 @@ impl SourceCall {
         Ok((steps_of(&awaiting)?, false))
     }
 
-    /// The handle returned this.
+    /// Takes the value that the handle returned.
     fn returned<'py>(&self, py: Python<'py>, response: Bound<'py, PyAny>) -> StepResult<'py> {
         let value = match self.value_of(py, response) {
             Ok((value, false)) => value,
@@ -246,7 +246,7 @@ impl SourceCall {
         Ok((value, is_awaitable))
     }
 
-    /// D7: an error of a call or of local is a failure, and no other message notices.
+    /// Turns an error of a call or of local into a failure, which no other message notices (D7).
     fn failed<'py>(&self, py: Python<'py>, error: PyErr) -> StepResult<'py> {
         let arguments = (self.p, &self.t, error.into_value(py));
         self.driver(py).call_method1(intern!(py, "_failed"), arguments)?;

@@ -49,12 +49,13 @@ impl PyCounting {
         in_force.collect()
     }
 
-    /// A handler failed: of the messages to cloud `p`, or without one of situations.
+    /// Counts a failed handler: one of the messages to cloud `p`, or without `p` one of situations.
     fn handler_failed(&self, p: Option<u16>) {
         self.counting.handler_failed(p);
     }
 
-    /// A handler of a source, or without one another of the operator's, ran for this many nanoseconds without a pause.
+    /// Counts a handler that ran for this many nanoseconds without a pause. It belongs to source
+    /// `p`, or without `p` to the operator.
     fn check_handler_time(&self, p: Option<u16>, lasted: u64) {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }

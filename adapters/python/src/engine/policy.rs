@@ -48,7 +48,8 @@ struct PolicyClasses {
 }
 
 impl EnginePolicy {
-    /// A duration is a constant, a pair has the cap first, and what is none of the extension's is Python's.
+    /// Makes a policy: a duration is a constant, a pair has the cap first, and an object of no
+    /// class of the extension's is a policy in Python.
     pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
         if AnswerClasses::get(policy.py())?.is_ns(policy.as_borrowed()) {
             let Nanos(deadline) = policy.extract()?;

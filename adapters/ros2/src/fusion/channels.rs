@@ -32,7 +32,7 @@ impl NodeFusion<'_> {
         self.orders.as_ref().is_none_or(|orders| orders.is_active)
     }
 
-    /// A request to a managed node's lifecycle.
+    /// Polls for a request to a managed node's lifecycle.
     pub(super) fn poll_orders(
         &mut self,
         context: &mut Context<'_>,
@@ -42,7 +42,8 @@ impl NodeFusion<'_> {
             .map(|order| orders.obey(order).then_some(Incoming::Last))
     }
 
-    /// Something came on the input topic: a message, if it has a key that no remembered message has.
+    /// Takes a sample of the input topic: it is a message if it has a key that no remembered
+    /// message has.
     pub(super) fn take(&mut self, sample: ReceivedPayload) -> Option<Incoming<Payload, Payload>> {
         let LoopState { stamps, next, intake, .. } = &mut self.memory;
         let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
@@ -76,7 +77,7 @@ impl NodeFusion<'_> {
         Some(Incoming::Message { timestamp, message })
     }
 
-    /// Something came on a source's topic: a result, if it has the key of a message.
+    /// Takes a sample of a source's topic: it is a result if it has the key of a message.
     pub(super) fn result(
         &mut self,
         index: usize,
@@ -106,7 +107,7 @@ impl NodeFusion<'_> {
         }))
     }
 
-    /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.
+    /// Sets the deadline that the environment decides: `std_msgs/msg/Float64`, seconds.
     pub(super) fn environment(&mut self, sample: ReceivedPayload) {
         let decided = sample.ok().and_then(|payload| {
             let bytes = *payload.body.first_chunk()?;
@@ -127,7 +128,7 @@ impl NodeFusion<'_> {
         }
     }
 
-    /// The vehicle's speed came.
+    /// Takes the vehicle's speed.
     pub(super) fn take_speed(&mut self, sample: ReceivedPayload) {
         let Some(speed) = &mut self.speed else { return };
         if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
@@ -135,7 +136,7 @@ impl NodeFusion<'_> {
         }
     }
 
-    /// A parameter was set.
+    /// Applies a parameter that was set.
     pub(super) fn change(&mut self, change: Change) {
         info!(?change, "parameter set");
         match change {
@@ -165,7 +166,7 @@ impl NodeFusion<'_> {
     }
 }
 
-/// A channel that has ended says nothing more.
+/// Returns the value that a channel has. A channel that has ended is pending forever.
 pub(super) fn known<T>(received: Poll<Option<T>>) -> Poll<T> {
     match received {
         Poll::Ready(Some(received)) => Poll::Ready(received),

@@ -105,12 +105,13 @@ impl Endpoint {
         *self.silence_detector() = SilenceDetector::new(patience);
     }
 
-    /// A message came.
+    /// Notes that a message came.
     pub(crate) fn received(&self, now: Instant) {
         self.silence_detector().beat(now);
     }
 
-    /// Messages are expected from now on, and `patience` is as in [`patience`](Self::patience).
+    /// Notes that messages are expected from now on; `patience` is as in
+    /// [`patience`](Self::patience).
     pub(crate) fn expect(&self, patience: Option<std::time::Duration>) {
         *self.silence_detector() = SilenceDetector::expecting(patience, Instant::now());
     }
@@ -145,7 +146,7 @@ impl Endpoint {
         self.peers(|peers| peers.rivals.len())
     }
 
-    /// These are the others now that publish on the topic.
+    /// Sets the others that now publish on the topic.
     pub(crate) fn set_rivals(&self, rivals: BTreeSet<Gid>) {
         let others = rivals.len();
         let is_new = self.peers(|peers| {
@@ -158,7 +159,7 @@ impl Endpoint {
         }
     }
 
-    /// Another publisher of the topic came or left.
+    /// Notes that another publisher of the topic came or left.
     #[cfg(feature = "zenoh")]
     pub(super) fn rival(&self, other: Gid, is_there: bool) {
         let mut rivals = self.peers(|peers| peers.rivals.clone());
@@ -174,7 +175,7 @@ impl Endpoint {
         self.peers(|peers| peers.strangers.contains_key(&peer))
     }
 
-    /// A peer came or left.
+    /// Notes that a peer came or left.
     pub(crate) fn change(&self, peer: Gid, by: i32, type_name: Option<&String>) {
         self.peers(|peers| {
             if by <= 0 {

@@ -253,7 +253,7 @@ impl ZenohSession {
         Ok((queryable, token))
     }
 
-    /// An end whose peers are of this kind.
+    /// Makes an end whose peers are of this kind.
     fn end(&mut self, topic: &str, ty: &str, peers: TokenKind) -> Result<Arc<Endpoint>, NodeError> {
         let SharedSession { session, owner, types, .. } = &*self.shared;
         let (end, type_name) = (Arc::new(Endpoint::new(topic, ty)), dds_type(ty));

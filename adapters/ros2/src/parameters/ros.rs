@@ -5,7 +5,7 @@ use ros2_client::parameters::raw;
 
 use super::Value;
 
-/// A value as ROS has it.
+/// Returns a value in the form of ROS.
 pub(crate) fn value(value: &Value) -> raw::ParameterValue {
     let value = match value.clone() {
         Value::Bool(value) => ParameterValue::Boolean(value),

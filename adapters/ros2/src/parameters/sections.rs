@@ -106,7 +106,7 @@ fn matches(pattern: &[&str], name: &[&str]) -> bool {
     pattern[part..].iter().all(|part| *part == "**")
 }
 
-/// 0 for a pattern of all nodes, 1 for some nodes, 2 for one.
+/// Returns 0 for a pattern of all nodes, 1 for some nodes, 2 for one.
 fn specificity(pattern: &[&str]) -> u8 {
     if pattern.iter().all(|part| *part == "**") {
         0

@@ -140,7 +140,7 @@ impl NodeParameters {
         SetParametersResult { successful: true, reason: String::new() }
     }
 
-    /// As rclcpp lists them: `depth` counts parts between dots, and 0 is any number.
+    /// Lists parameters as rclcpp does: `depth` counts parts between dots, and 0 is any number.
     fn list(&self, requested: &ListParametersRequest) -> ListParametersResult {
         let is_within = |rest: &str| {
             requested.depth == 0 || (rest.matches('.').count() as u64) < requested.depth

@@ -10,7 +10,7 @@ use crate::key::{IntegerKind, MessageKey};
 use crate::settings::{Cloud, Middleware, PolicyKind, Settings};
 
 impl Settings {
-    /// Each in a sentence.
+    /// Returns the cautions, each in a sentence.
     #[must_use]
     pub fn cautions(&self) -> Vec<String> {
         let cautions = [

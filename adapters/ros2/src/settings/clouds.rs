@@ -95,7 +95,8 @@ fn cloud(
     })
 }
 
-/// A15: how many messages come within a deadline; what waits behind as many is answered too late.
+/// Returns how many messages come within a deadline; what waits behind as many is answered too late
+/// (A15).
 #[expect(clippy::cast_possible_truncation, reason = "the cast saturates, which is what is wanted")]
 fn answerable(rate: f64, deadline: Duration) -> i64 {
     ((rate * deadline.as_secs_f64()) as i64).max(1)

@@ -19,7 +19,7 @@ impl Current {
         self.locked().clone()
     }
 
-    /// A change is made whole, so even a poisoned lock holds sound settings.
+    /// Locks the settings. A change is made whole, so even a poisoned lock holds sound settings.
     pub(crate) fn locked(&self) -> MutexGuard<'_, Settings> {
         lock(&self.0)
     }

@@ -59,7 +59,7 @@ pub struct SpeedTopic {
 impl PolicyKind {
     const ALL: [Self; 4] = [Self::Set, Self::Guard, Self::Expected, Self::Guarded];
 
-    /// Its name among the parameters.
+    /// Returns its name among the parameters.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {

@@ -109,7 +109,7 @@ impl<'a> ParameterReader<'a> {
         self.integer_up_to(name, i64::MAX, default)
     }
 
-    /// The same, with a bound that depends on other parameters.
+    /// Reads an integer with a bound that depends on other parameters.
     pub(super) fn integer_up_to<T: TryFrom<i64>>(
         &mut self,
         name: &str,
@@ -127,7 +127,7 @@ impl<'a> ParameterReader<'a> {
         })
     }
 
-    /// One of these words, each with what it means; the table has them in the same order.
+    /// Reads one of these words, each with what it means; the table has them in the same order.
     pub(super) fn choice<T: Copy>(
         &mut self,
         name: &str,

@@ -137,7 +137,7 @@ impl<V: Send + 'static> Calls<V> {
         }
     }
 
-    /// The next end of a call, and the clock's reading after it.
+    /// Returns the next end of a call, and the clock's reading after it.
     pub(super) fn poll_completion(
         &mut self,
         clock: DriverClock,

@@ -28,7 +28,7 @@ struct OpenCall {
 }
 
 impl MessageSpans {
-    /// A message was taken on; `deadline` is local's.
+    /// Begins the span of an accepted message; `deadline` is local's.
     pub(super) fn open(
         &mut self,
         operator: &str,
@@ -59,7 +59,7 @@ impl MessageSpans {
         }
     }
 
-    /// A request is sent, or local's computation begins.
+    /// Begins the span of a request or of local's computation.
     pub(super) fn begin(
         &self,
         (priority, timestamp): (u16, u64),
@@ -84,14 +84,14 @@ impl MessageSpans {
         TracedCall(is_open.then(|| Box::new(OpenCall { span, has_ended: false })))
     }
 
-    /// The result of this request comes otherwise than by a call.
+    /// Keeps the span of a request whose result does not come by a call.
     pub(super) fn wait(&mut self, key: (u16, u64), span: TracedCall) {
         if span.0.is_some() {
             self.away.insert(key, span);
         }
     }
 
-    /// It came.
+    /// Ends the span of a request whose result came.
     pub(super) fn complete<V>(&mut self, key: (u16, u64), result: &Result<StampedValue<V>, Error>) {
         // Without a subscriber both maps are empty, and an empty one is not searched.
         if !self.away.is_empty()
@@ -101,12 +101,12 @@ impl MessageSpans {
         }
     }
 
-    /// It is not awaited any more.
+    /// Drops the span of a request that is not awaited any more.
     pub(super) fn abort(&mut self, key: (u16, u64)) {
         self.away.remove(&key);
     }
 
-    /// An item is sent.
+    /// Notes that an item is sent.
     pub(super) fn item<V>(&mut self, item: &Item<V>) {
         if self.open.is_empty() || !item.is_last() {
             return;

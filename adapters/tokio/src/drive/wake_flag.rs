@@ -32,7 +32,7 @@ struct SourceWaker {
 }
 
 impl WakeFlags {
-    /// All are set, so that each party is polled at first.
+    /// Makes flags that are all set, so that each party is polled at first.
     pub(super) fn new() -> Self {
         let driver = Arc::new(DriverWaker::default());
         let wakers = std::array::from_fn(|party| {
@@ -60,7 +60,7 @@ impl WakeFlags {
         polled
     }
 
-    /// The driver is to be woken when a flag is set.
+    /// Registers the driver, which is woken when a flag is set.
     pub(super) fn wait(&self, context: &Context<'_>) {
         self.driver.task.register(context.waker());
         // One may have been set before the waker was registered.

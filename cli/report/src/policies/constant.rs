@@ -111,7 +111,7 @@ struct MessageOutcomes {
 }
 
 impl MessageOutcomes {
-    /// The result of `source` may go, once it is there and the better ones have ended.
+    /// Notes that the result of `source` may go, once it is there and the better ones have ended.
     fn add(&mut self, source: usize, response: Response, least: Duration, most: Duration) {
         self.widen(Response { least: response.least.max(least), most: response.most.max(most) });
         if response.least < self.in_time {
@@ -122,7 +122,7 @@ impl MessageOutcomes {
         }
     }
 
-    /// There may be no output.
+    /// Notes that there may be no output.
     fn none(&mut self) {
         self.widen(Response::exactly(None));
         self.sources.push(None);

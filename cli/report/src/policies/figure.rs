@@ -18,7 +18,7 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
         Self { at_least: value, at_most: value }
     }
 
-    /// Any of these, of which there is at least one.
+    /// Returns a figure that is any of these, of which there is at least one.
     ///
     /// # Panics
     /// If there is none.

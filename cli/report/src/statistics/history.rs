@@ -63,7 +63,7 @@ impl TimestampHistory {
         &mut self.calls[source]
     }
 
-    /// The open that no refusal followed was accepted.
+    /// Accepts the open that no refusal followed.
     pub(super) fn accept(&mut self) {
         self.opened = self.opened.or(self.offered.take());
     }
@@ -123,7 +123,7 @@ impl RequestHistory {
         self.ended.get_or_insert((request_end, at));
     }
 
-    /// A failure that was not dropped was accepted (F4).
+    /// Accepts a failure that was not dropped (F4).
     pub(super) fn settle(&mut self) {
         if let Some(at) = self.failing.take() {
             self.end_with(RequestEnd::Failed, at);

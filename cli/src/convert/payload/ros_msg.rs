@@ -44,7 +44,7 @@ pub(super) fn layout(name: &str, text: &str) -> Result<CdrLayout, String> {
     Ok(CdrLayout { types: types.collect::<Result<_, _>>()? })
 }
 
-/// `package/Type`, without the folder between them.
+/// Returns `package/Type`, without the folder between them.
 fn short(name: &str) -> String {
     name.trim().replacen("/msg/", "/", 1)
 }
@@ -75,7 +75,7 @@ fn type_of(
     Ok(CdrType { fields, is_time: TIMES.contains(&name) })
 }
 
-/// `int32`, `int32[3]`, `int32[]` or `int32[<=3]`.
+/// Reads `int32`, `int32[3]`, `int32[]` or `int32[<=3]`.
 fn shape_of(kind: &str) -> (&str, Option<FieldShape>) {
     let Some((kind, len)) = kind.split_once('[') else { return (kind, Some(FieldShape::One)) };
     let shape = match len.strip_suffix(']') {

@@ -79,7 +79,7 @@ impl Drop for Census {
     }
 }
 
-/// Another publisher of a topic.
+/// Returns the other publishers of a topic.
 fn rivals(writers: &[DiscoveredWriterData], topic: &str) -> BTreeSet<Gid> {
     let own = lock(&OWN);
     let of_topic = writers

@@ -137,7 +137,8 @@ impl RosNode {
         Ok(requests)
     }
 
-    /// All of the node is published and served. Each participant has its node as long as it is in use.
+    /// Completes the node: all of it is published and served. Each participant has its node as long
+    /// as it is in use.
     pub(crate) fn complete(self) -> Result<(), NodeError> {
         let Self { domain, pending, .. } = self;
         let node = Arc::new(InUse::default());

@@ -94,7 +94,7 @@ impl Types {
         Ok(())
     }
 
-    /// A peer has this type with this hash. The first one counts.
+    /// Learns from a peer that this type has this hash. The first one counts.
     pub(super) fn learn(&self, type_name: &str, hash: &str) {
         let mut types = self.locked();
         let Some(state @ TypeState::Awaited { .. }) = types.get_mut(type_name) else { return };
@@ -113,7 +113,7 @@ impl Types {
         });
     }
 
-    /// A change is made whole, so even a poisoned lock holds a sound state.
+    /// Locks the types. A change is made whole, so even a poisoned lock holds a sound state.
     fn locked(&self) -> MutexGuard<'_, BTreeMap<String, TypeState>> {
         lock(&self.0)
     }

@@ -86,7 +86,7 @@ impl TokenOwner {
         self.token_of(0, TokenKind::Node)
     }
 
-    /// The token of one of its ends; `number` is its own among the node's.
+    /// Returns the token of one of its ends; `number` is its own among the node's.
     pub(super) fn token(&self, number: u64, entity: &Entity, qos: Qos) -> String {
         let Entity { kind, name, type_name, hash } = entity;
         let is_in_group = *kind == TokenKind::Subscription && !qos.transient_local;
@@ -101,7 +101,7 @@ impl TokenOwner {
         format!("@ros2_lv/{domain}/{session}/0/{number}/{kind}/%/{namespace}/{name}")
     }
 
-    /// The tokens of all ends of this kind on a topic, whatever their type.
+    /// Returns a key for the tokens of all ends of this kind on a topic, whatever their type.
     pub(super) fn tokens_of_topic(&self, kind: TokenKind, topic: &str) -> String {
         let (domain, kind, topic) = (self.domain, kind.code(), mangled(topic));
         format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*/**")
@@ -118,7 +118,8 @@ impl TokenOwner {
     }
 }
 
-/// Type and hash of the end that a token is of; none if it is of no end of a topic.
+/// Returns the type and the hash of the end that a token belongs to, or `None` if it belongs to no
+/// end of a topic.
 pub(super) fn type_of(token: &str) -> Option<(&str, &str)> {
     let parts: Vec<&str> = token.split('/').collect();
     match parts[..] {

@@ -119,7 +119,7 @@ impl ConnectionHandler {
         }
     }
 
-    /// One call; its time is over when its deadline ends.
+    /// Serves one call; its time is over when its deadline ends.
     async fn call(self, request: Request<Incoming>, watch: Arc<ConnectionWatch>) -> Response<Body> {
         if let Err(status) = self.auth.check(request.headers()) {
             return watch.refused(status).into_http();

@@ -66,7 +66,7 @@ impl ConnectionWatch {
         status
     }
 
-    /// This many bytes of a reply lie ready; returns its number.
+    /// Notes that this many bytes of a reply lie ready; returns the reply's number.
     pub(crate) fn reply_ready(&self, bytes: usize) -> u64 {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.replies += 1;
@@ -75,7 +75,7 @@ impl ConnectionWatch {
         reply
     }
 
-    /// This many of a reply's bytes were taken, or are no longer wanted.
+    /// Notes that this many of a reply's bytes were taken, or are no longer wanted.
     pub(crate) fn paid(&self, reply: u64, bytes: usize) {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.moved = now;
@@ -88,14 +88,14 @@ impl ConnectionWatch {
         }
     }
 
-    /// A call began.
+    /// Notes that a call began.
     pub(crate) fn call_began(&self) {
         self.has_called.store(true, Ordering::Relaxed);
         self.under_way.fetch_add(1, Ordering::Relaxed);
         self.moved();
     }
 
-    /// A call ended, perhaps before it was answered.
+    /// Notes that a call ended, perhaps before it was answered.
     pub(crate) fn call_ended(&self, is_answered: bool) {
         self.under_way.fetch_sub(1, Ordering::Relaxed);
         self.moved();
@@ -112,7 +112,7 @@ impl ConnectionWatch {
         lock(&self.activity)
     }
 
-    /// The client no longer wants a call that is not answered.
+    /// Notes that the client no longer wants a call that is not answered.
     pub(crate) fn taken_back(&self) {
         let mut activity = self.activity();
         let now = Instant::now();
@@ -125,7 +125,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Ready once the connection has to be ended.
+    /// Waits until the connection has to be ended.
     pub(crate) async fn expired(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;

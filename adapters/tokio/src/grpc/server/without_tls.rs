@@ -17,7 +17,7 @@ impl TlsAcceptor {
     }
 }
 
-/// No acceptor.
+/// Returns no acceptor.
 ///
 /// # Errors
 /// Returns an error if there is an identity or a CA.

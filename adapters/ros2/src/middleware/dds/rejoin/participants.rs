@@ -263,7 +263,7 @@ impl NewEntity {
         Self { is_matched: Box::new(|| true), met: Box::new(|| Box::pin(ready(()))), take_over }
     }
 
-    /// The same, which is to take over once `is_matched`.
+    /// Makes a participant that takes over only once `is_matched`.
     pub(crate) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_matched: Box::new(is_matched), ..self }
     }
