@@ -19,7 +19,7 @@ using Clock = std::chrono::steady_clock;
 constexpr Priority cloud{1};
 constexpr unsigned messages = 20;
 
-// What the operator's thread is to do, in the order in which it came.
+// The tasks of the operator's thread, in the order in which they came.
 class Inbox {
  public:
   void post(std::function<void()> task) {
@@ -44,7 +44,7 @@ class Inbox {
   std::deque<std::function<void()>> tasks_;
 };
 
-// What goes downstream.
+// Receives the outputs that go downstream.
 struct Planner : fuseline::Sink<std::string> {
   unsigned local = 0, better = 0, missed = 0;
   void forward(Timestamp t, Priority by, std::string boxes) {

@@ -123,7 +123,7 @@ int main(int argc, char** argv) {
                         : std::strcmp(rule, "patient") == 0 ? Commit::patient
                                                             : Commit::progressive;
   Node node(commit);
-  // What writes may call the operator too.
+  // The function that writes may call the operator too.
   HOLDS(node.op.record([&](std::string_view line) {
     if (chance(50) == 0) node.act();
     return std::fwrite(line.data(), 1, line.size(), stdout) == line.size();

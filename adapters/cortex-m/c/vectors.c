@@ -1,4 +1,4 @@
-/* What the processor reads first: the stack's top, where it begins, and where faults go. */
+/* The words that the processor reads first: the stack's top, where it begins, and where faults go. */
 #include <stdint.h>
 
 extern uint32_t __stack;

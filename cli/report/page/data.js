@@ -122,7 +122,7 @@ function outcomes(trace) {
         offered = at[i];
       }
       else if (kind === "n" && p[i] < 0) offered = NaN;
-      // What comes after an open says that it was not refused.
+      // A line that comes after an open says that it was not refused.
       else if (Number.isNaN(opened)) opened = offered;
       // Of several outputs, as under progressive, the last one counts.
       if (kind === "e" || (kind === "m" && Number.isNaN(ended))) ended = at[i];

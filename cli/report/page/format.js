@@ -21,7 +21,7 @@ export function time(ns) {
   if (!Number.isFinite(ns)) return "–";
   if (ns === 0) return "0";
   const size = Math.abs(ns);
-  // What is rounded to 1000 of a unit is 1 of the next one.
+  // A number that is rounded to 1000 of a unit is 1 of the next one.
   if (size >= 3.6e12) return `${trim(ns / 3.6e12, 2)}\u00a0h`;
   const [unit, name] = UNITS.find(([unit]) => size >= 0.9995 * unit) ?? UNITS[3];
   const digits = size / unit >= 100 || unit === 1 ? 0 : size / unit >= 10 ? 1 : 2;

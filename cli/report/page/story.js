@@ -48,7 +48,7 @@ function ending({ outcome, response, start, end, sources, observed }, k) {
   return observed ? "It was not opened." : `Never opened; first heard of ${came}.`;
 }
 
-/** What the message comes from, and how old it was on its way. */
+/** Tells where the message comes from, and how old it was on its way. */
 function lineage({ lineages, outcome, response }, k) {
   const own = lineages.get(k);
   if (!own) return "";

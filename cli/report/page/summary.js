@@ -85,7 +85,7 @@ function line({ sources, account: { messages } }, { place, counts, response, dea
 /** The least and the greatest; one if they are the same. */
 const span = ([least, , greatest]) => (least === greatest ? time(least) : `${time(least)} – ${time(greatest)}`);
 
-/** Those that are lines, from the shortest. */
+/** Returns in words the deadlines that are drawn as lines, from the shortest. */
 const deadlinesOf = ({ deadlines }) =>
   `${deadlines.length > 1 ? "deadlines" : "deadline"} ${[...deadlines].sort((a, b) => a - b).map(time).join(", ")}`;
 
@@ -103,7 +103,7 @@ export function showLegend(trace) {
   );
 }
 
-/** What the page does not show of a trace that is too long for it, and how to see that. */
+/** Tells what the page does not show of a trace that is too long for it, and how to see that. */
 export function showCap({ capped, length, lineOf }) {
   by("capped").hidden = !capped;
   if (!capped) return;

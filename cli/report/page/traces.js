@@ -59,7 +59,7 @@ function worst(violations) {
   return violations.reduce((worst, one) => (worst && (one.late ?? 0) <= (worst.late ?? 0) ? worst : one), undefined);
 }
 
-/** Whose results went out: a bar of their shares, and the shares in words. */
+/** Shows whose results went out: a bar of their shares, and the shares in words. */
 function served({ sources, account: { messages, missed, rows } }) {
   if (messages === 0) return ["–"];
   const parts = rows.map(({ place, counts: [, forwarded] }) => ({

@@ -1,5 +1,5 @@
 /*
- * What the drivers share: a line of the trace (SPEC.md, section 6) read into plain data, and text gathered to be
+ * Shared by the drivers: a line of the trace (SPEC.md, section 6) read into plain data, and text gathered to be
  * written at once. C99 and C++17, no allocation, no standard input or output.
  */
 #ifndef FUSELINE_TESTS_LINE_H

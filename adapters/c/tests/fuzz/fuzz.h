@@ -1,5 +1,5 @@
 /*
- * What fuzzing of both kinds of machine has in common: bytes that decide, configurations right and wrong, and a main for
+ * Shared by the fuzz targets of both kinds of machine: bytes that decide, configurations right and wrong, and a main for
  * valgrind and gcc, which makes its own bytes (-DWITHOUT_LIBFUZZER; its argument says how many cases).
  */
 #ifndef FUSELINE_TESTS_FUZZ_H
@@ -46,7 +46,7 @@ static uint64_t number(void) {
   return b < 250U ? b % 40U : UINT64_MAX - (uint64_t)(b - 250U);
 }
 
-/* Whether all bytes are the same, also those between members, which nobody ever wrote: of copies, valgrind may take them for written. */
+/* Returns whether all bytes are the same, also those between members, which nobody ever wrote: of copies, valgrind may take them for written. */
 static int same(const void *a, const void *b, size_t len) {
   static uint8_t copies[2][8192];
   HOLDS(len <= sizeof copies[0]);

@@ -57,7 +57,7 @@ bool is_refused(const std::optional<Answer>& answer, fuseline::Reason why) {
 }
 bool is_accepted(const std::optional<Answer>& answer) { return answer && answer->is(FUSELINE_OUTCOME_ACCEPTED); }
 
-// Whether a function ends the program by std::terminate, tried in a process of its own.
+// Returns whether a function ends the program by std::terminate, tried in a process of its own.
 template <class Function>
 bool ends_the_program(Function function) {
   const pid_t child = fork();

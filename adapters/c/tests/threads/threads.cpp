@@ -44,7 +44,7 @@ struct Line {
   std::string text;
 };
 
-// What the barrier changes, while all threads wait.
+// The values that the barrier changes, while all threads wait.
 std::uint64_t now = 0, visible = 0;
 // The owner's.
 std::uint64_t newest = 0;

@@ -1,4 +1,4 @@
-/* What rustc calls for instrumented copies, for runtimes of the thread sanitizer that do not have it yet. */
+/* Functions that rustc calls for instrumented copies, for runtimes of the thread sanitizer that do not have it yet. */
 #include <string.h>
 
 void *__tsan_memcpy(void *to, const void *from, size_t len);

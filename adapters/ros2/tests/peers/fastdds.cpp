@@ -156,7 +156,7 @@ int main() {
       return std::cerr << "no such command: " << line << std::endl, 1;
     }
   }
-  // What is open goes with the process: the end of the input is the end of the peer.
+  // The process closes everything that is open: the end of the input is the end of the peer.
   participant->delete_contained_entities();
   factory->delete_participant(participant);
 }
