@@ -12,7 +12,7 @@ use fuseline_system_tests::parsers::{ALL, Ends, MEMORY};
 #[global_allocator]
 static BOUNDED: Cap<System> = Cap::new(System, MEMORY);
 
-const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/parsers/seeds");
+const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/seeds");
 
 #[test]
 fn seeds_find_nothing_and_come_to_every_end() {
