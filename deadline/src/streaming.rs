@@ -27,7 +27,7 @@ use crate::span::Span;
 /// ```
 pub type Streaming<const WINDOW: usize = 64> = Expected<StreamLoss<WINDOW>, WINDOW>;
 
-/// The accuracy of a detector of boxes on single frames.
+/// The quality of a detector of boxes on single frames.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct BoxDetector {
     /// The detector's accuracy if a box must overlap by half, such as its AP50.

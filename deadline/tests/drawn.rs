@@ -49,7 +49,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Compares the estimate with its definition (T5): the product, over the distinct responses, of the share
-    /// of calls that were seen this long and had no result then.
+    /// of calls without a result then, among the calls that were seen for that long.
     #[test]
     fn estimate_is_the_product_over_all_seen_so_long(
         calls in observations(),

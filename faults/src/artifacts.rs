@@ -29,7 +29,7 @@ pub(crate) fn take_program(message: &Value, programs: &mut Programs) {
     }
 }
 
-/// Returns the place of a compiler message, from the root.
+/// Returns the primary places of a compiler message: each file, from the root, and a byte in it.
 pub(crate) fn primary_places(message: &Value) -> Vec<(String, usize)> {
     let spans = message["spans"].as_array().into_iter().flatten();
     let primary = spans.filter(|span| span["is_primary"] == true);
@@ -40,7 +40,7 @@ pub(crate) fn primary_places(message: &Value) -> Vec<(String, usize)> {
     primary.filter_map(place).collect()
 }
 
-/// Returns a path without `..`.
+/// Resolves each `..` of a path by removing the folder before it.
 fn plain(path: &str) -> String {
     let mut parts = Vec::new();
     for part in path.split('/') {

@@ -67,7 +67,7 @@ pub struct CampaignFindings {
     pub held: BTreeMap<&'static str, BTreeSet<String>>,
     /// By identifier: the kinds with a witness that cites it and failed under a fault of it.
     pub(crate) shown: BTreeMap<String, BTreeSet<&'static str>>,
-    /// The number of times that each kind ran under a fault, and that it caught one.
+    /// By kind: the number of its runs under a fault, and the number of those that caught it.
     tries: BTreeMap<&'static str, (u32, u32)>,
 }
 
@@ -269,8 +269,8 @@ impl Campaign<'_> {
         (1..).zip(self.faults)
     }
 
-    /// Returns the parts that faults change, by their numbers. Guards are included only if one of
-    /// them is to run, because a landing removes none.
+    /// Returns the parts of all faults, each with its fault's number. Guards are included only if
+    /// one of them is to run, because a landing removes none.
     pub(crate) fn parts(&self) -> impl Iterator<Item = (u32, &SeededFault)> {
         let mut chosen = self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
         let has_guards = chosen.any(|fault| fault.case.is_some());
@@ -316,7 +316,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the kinds of these names; all if there is none.
+/// Returns the kinds with these names, or all kinds if no name is given.
 ///
 /// # Errors
 /// There is no kind of a name.

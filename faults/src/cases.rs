@@ -109,7 +109,7 @@ fn is_name(word: &str) -> bool {
 }
 
 impl ProgramCase {
-    /// Returns the call of it, which gets no input.
+    /// Returns the command that calls the program in this case, with no input.
     pub(crate) fn command(&self, program: &Path, folder: &Path) -> Command {
         let mut command = Command::new(program);
         command.args(&self.words).current_dir(folder).stdin(Stdio::null());

@@ -117,8 +117,8 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsE
     Ok(places)
 }
 
-/// Returns what witnesses of a kind cite. A citation in parentheses is a program of which it is not
-/// known which test failed.
+/// Returns the identifiers that witnesses of a kind cite. A witness that ends in a parenthesis is a
+/// program whose failed test is unknown, so it cites none.
 pub(crate) fn cited(
     tree: &Tree,
     kind: &WitnessKind,
@@ -172,7 +172,8 @@ fn python_function(text: &str, name: &str) -> Option<String> {
     Some(lines[at - above..=at + below].join("\n"))
 }
 
-/// Returns the files that may have a test, by its target and modules: a library's own tests, and those in folders of tests.
+/// Returns the files that may have a test, by its target and modules: a library's own tests, and
+/// those in folders of tests.
 fn files_of_test(tree: &Tree, path: &[&str]) -> Vec<String> {
     let Some((target, modules)) = path.split_first() else { return Vec::new() };
     let whole = modules.join("/");
@@ -238,7 +239,7 @@ fn range(family: &str, first: &str, last: &str) -> Vec<String> {
     ids
 }
 
-/// Returns the identifier that a part of a name is, if it is one.
+/// Returns a part of a name as an identifier, or `None` if it is not one.
 fn upper(part: &str) -> Option<String> {
     let mut letters = part.chars();
     let family = letters.next().filter(|letter| "fpatdej".contains(*letter))?;

@@ -10,7 +10,7 @@ pub enum FaultsError {
     /// A file or folder cannot be used.
     #[error("{}: {source}", path.display())]
     File {
-        /// The path of the file.
+        /// The path of the file or folder.
         path: PathBuf,
         /// The error.
         source: io::Error,

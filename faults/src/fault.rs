@@ -132,7 +132,7 @@ impl WrittenFault {
         }
     }
 
-    /// Returns the functions of its path, or its file.
+    /// Returns the functions with its item path, each with its file, or its file alone.
     fn places(
         &self,
         tree: &Tree,

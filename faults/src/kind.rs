@@ -86,7 +86,7 @@ impl WitnessKind {
     }
 }
 
-/// States how much runs.
+/// The part of a campaign that runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
 pub enum Tier {
     /// The faults of core, judges and threads.

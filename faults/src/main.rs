@@ -101,7 +101,8 @@ fn all_faults(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     Ok(faults)
 }
 
-/// Returns whether each fault is caught and nothing is missing.
+/// Runs the chosen faults, and saves and prints the table. Returns `true` if at least one fault ran
+/// and nothing is wrong. A run of chosen kinds counts nothing as wrong.
 fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsError> {
     let faults = all_faults(tree)?;
     let chosen = chosen(tree, &faults, args)?;
@@ -147,7 +148,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
     Ok(count == 0 && !findings.faults.is_empty())
 }
 
-/// Returns the faults that are to run.
+/// Returns the names of the faults that are to run.
 fn chosen(
     tree: &Tree,
     faults: &[SeededFault],
@@ -173,7 +174,7 @@ fn chosen(
     Ok(names.into_iter().collect())
 }
 
-/// Returns whether everything on which the outcome depends is as it was in this commit.
+/// Returns `true` if everything on which the outcome depends is as it was in this commit.
 fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
     const SOURCES: [&str; 12] = [
         "core",
@@ -228,7 +229,7 @@ fn save(target: &Path, table: &Table) -> Result<(), FaultsError> {
     write(&target.join("faults/table.json"), &table.json())
 }
 
-/// Returns whether each case of misuse ends as it should.
+/// Runs all cases of misuse, and returns `true` if each ends as it should.
 fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
     let (held, all) = try_cases(tree, programs)?;
     println!("{held} of {all} cases of misuse are refused or reported");
@@ -256,7 +257,7 @@ fn lock(target: &Path, copy: &str) -> Result<File, FaultsError> {
     Ok(file)
 }
 
-/// Returns whether each condition is shown or explained.
+/// Measures the conditions and saves the report. Returns `true` if it has no gap.
 fn mcdc(tree: &Tree, target: &Path, without: &[String]) -> Result<bool, FaultsError> {
     let _lock = lock(target, "mcdc/copy")?;
     let report = McdcReport::take(tree, target, without)?;

@@ -127,7 +127,7 @@ impl McdcReport {
         Ok(Self { decisions, evaluations, explained: explained.condition })
     }
 
-    /// Returns a page with each decision, its conditions, and of each the two tests that show it.
+    /// Returns a page with each decision, its conditions, and the two tests that show each of them.
     #[must_use]
     pub fn page(&self) -> String {
         let mut text = format!("{HEAD}\n{}.\n\n```text\n", self.summary());
@@ -148,7 +148,7 @@ impl McdcReport {
         text
     }
 
-    /// Returns the table as JSON: an array of decisions, each with the tests of its pairs.
+    /// Returns the report as JSON: an array of decisions, each with the tests of its pairs.
     #[must_use]
     pub fn json(&self) -> String {
         let decisions = self.decisions.iter().enumerate().map(|(i, it)| {
@@ -162,7 +162,7 @@ impl McdcReport {
         serde_json::Value::from(decisions.collect::<Vec<_>>()).to_string() + "\n"
     }
 
-    /// Says how many conditions there are, and how many of them are shown.
+    /// Returns a phrase with the numbers of conditions, and of those that are shown or explained.
     #[must_use]
     pub fn summary(&self) -> String {
         let conditions: usize = self.decisions.iter().map(|it| it.conditions.len()).sum();
@@ -173,8 +173,8 @@ impl McdcReport {
         )
     }
 
-    /// Returns the mistakes: conditions that are neither shown nor explained, and explanations of shown or
-    /// missing conditions.
+    /// Returns the mistakes: conditions that are neither shown nor explained, and explanations of
+    /// shown or missing conditions.
     #[must_use]
     pub fn gaps(&self) -> Vec<String> {
         let mut explained: Vec<&ExplainedCondition> = self.explained.iter().collect();

@@ -58,7 +58,8 @@ pub(crate) fn read_peers(_: &str, printed: &str) -> Outcomes {
     found.map(|found| (format!("peers::{}", &found[2]), &found[1] == "passed")).collect()
 }
 
-/// Returns a JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
+/// Reads one JSON object for each configuration. A property that is broken there is red. The
+/// configuration itself has an outcome if it holds or breaks no property.
 pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     #[derive(serde::Deserialize)]
     struct Verdict {

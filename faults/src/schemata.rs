@@ -31,8 +31,10 @@ impl Rewritten {
     }
 }
 
-/// Returns the file with each function's body once for each of its faults, and once as it is. `constants` are the words `const` that
-/// it does without: no constant function can read a variable, and none can call one that does.
+/// Returns the file with each faulty function's body once for each fault, and once as it is.
+///
+/// `constants` are the words `const` that are left out: no constant function can read a variable,
+/// and none can call a function that does.
 ///
 /// # Errors
 /// A fault is not within the body of a function.

@@ -39,7 +39,7 @@ pub struct Table {
 pub struct PromiseRow {
     /// Its identifier.
     pub id: String,
-    /// The heading in the specification.
+    /// Its title in the specification.
     pub title: String,
     /// The code that meets it, `file:line`.
     pub code: Vec<String>,
@@ -155,7 +155,7 @@ impl Table {
         text
     }
 
-    /// Returns a page of the book.
+    /// Returns the table as a page of the book.
     #[must_use]
     pub fn page(&self) -> String {
         let mut text = String::from(HEAD);

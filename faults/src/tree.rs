@@ -16,25 +16,25 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// Returns the files below this folder.
+    /// Creates a tree with this root folder.
     #[must_use]
     pub const fn new(root: PathBuf) -> Self {
         Self { root }
     }
 
-    /// Returns the folder.
+    /// Returns the root folder.
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Returns a file or folder named from the root.
+    /// Returns the path of a file or folder that is named from the root.
     #[must_use]
     pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
         self.root.join(name)
     }
 
-    /// Returns a text file named from the root.
+    /// Reads a text file that is named from the root.
     ///
     /// # Errors
     /// It cannot be read.
@@ -56,7 +56,8 @@ impl Tree {
         Ok(files)
     }
 
-    /// Returns a digest of all files at or below these names, but those whose names begin as a name after a `!` does.
+    /// Returns a digest of all files at or below these names. A name after a `!` excludes the files
+    /// whose names begin with it.
     ///
     /// In Rust files, lines of comments and empty lines are left out: rewording them changes no
     /// result.
@@ -115,7 +116,7 @@ impl Tree {
         Ok(())
     }
 
-    /// Returns the files that git tracks, and new ones.
+    /// Returns the contents of the files that git tracks and of new ones, by name.
     fn listed_files(&self) -> Result<BTreeMap<String, Vec<u8>>, FaultsError> {
         let listed = Command::new("git")
             .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])

@@ -55,7 +55,7 @@ pub(crate) enum Built {
 pub(crate) struct Trial<'a> {
     /// The number of the fault, and its name; the number is 0 for none.
     pub(crate) fault: (u32, &'a str),
-    /// The only case of misuse that runs.
+    /// The only case of misuse that runs, if it is not all of them.
     pub(crate) case: Option<&'a str>,
     pub(crate) limit: Duration,
     /// `true` if it ends at the first witness that fails.
@@ -75,7 +75,7 @@ pub(crate) struct WitnessRun {
     pub(crate) outcomes: Outcomes,
     pub(crate) is_out_of_time: bool,
     pub(crate) took: Duration,
-    /// The results of its programs, if they ran without a fault.
+    /// The faults that each program came to, if it ran without a fault.
     pub(crate) reached: ReachedFaults,
 }
 
@@ -159,7 +159,7 @@ impl FaultyCopy<'_> {
         Ok(Built::Refused(places, said))
     }
 
-    /// Returns the compiled part of the wheel, put where the copy's package looks for it.
+    /// Builds the compiled part of the wheel, and puts it where the copy's package looks for it.
     fn build_wheel(&self) -> Result<Built, FaultsError> {
         let folder = self.copy.path("adapters/python");
         if !self.python.exists() {
@@ -290,7 +290,7 @@ impl FaultyCopy<'_> {
         if is_empty { Err(wrong("no witness ran")) } else { Ok(seen) }
     }
 
-    /// Returns the cases of a node among real peers: all of them, or one.
+    /// Returns the command that runs the cases of a node among real peers: all of them, or one.
     fn among_peers(
         &self,
         programs: &Programs,

@@ -21,7 +21,7 @@ pub struct InputResponse {
     pub fired: Vec<FiredTimers>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
-    /// The end of the response.
+    /// Reports whether the response is whole.
     pub end: WholeAnswer,
 }
 

@@ -14,7 +14,7 @@ pub use table::WORLDS;
 pub struct World {
     /// The name on the command line.
     pub name: &'static str,
-    /// The occasion on which the configuration is checked.
+    /// States when the configuration is checked.
     pub size: Size,
     /// The commit rule.
     pub commit: Commit,
@@ -51,7 +51,7 @@ pub enum Readings {
     Any,
 }
 
-/// The occasion on which a configuration is checked.
+/// States when a configuration is checked.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Size {
     /// Always; it takes about a second.

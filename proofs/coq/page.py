@@ -28,13 +28,13 @@ def rows(page):
 
 
 def identifiers():
-    """Returns the rules, promises of the machine, of deadlines and of pipelines."""
+    """Returns the identifiers of the rules and of the promises of the machine, of deadlines and of pipelines."""
     spec = (ROOT / "SPEC.md").read_text(encoding="utf-8")
     return re.findall(r"^### (F\d+g?) ", spec, re.M) + re.findall(r"^\| ([PTE]\d+) ", spec, re.M)
 
 
 def home(theorem):
-    """Returns the file that has it."""
+    """Returns the file that has a theorem, or None unless exactly one has it."""
     found = [name for name, text in TEXTS.items() if re.search(rf"^(?:Theorem|Example) {theorem}\b", text, re.M)]
     return found[0] if len(found) == 1 else None
 

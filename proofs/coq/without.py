@@ -64,7 +64,7 @@ def above(name):
 
 
 def hypotheses(body):
-    """Finds the hypotheses of a statement: between arrows outside of all brackets."""
+    """Finds where the hypotheses of a statement begin and end: between arrows outside of all brackets."""
     found, depth, start, i = [], 0, 0, 0
     while i < len(body):
         depth += (body[i] in "([") - (body[i] in ")]")
@@ -90,14 +90,14 @@ def without(body):
 
 
 def parameters(own, body):
-    """Returns the hypotheses of a definition of Statements.v outside of its section."""
+    """Returns the parameters that a definition of Statements.v needs outside of its section."""
     if "tr" in own:
         return own.strip()
     return f"{'(cfg : config) ' if 'cfg' in body else ''}(tr : trace) {own.strip()}".strip()
 
 
 def redefined(name, own, rest, statements):
-    """Returns the statement without a hypothesis, and the statements that rest on it."""
+    """Returns the definition of a statement without a hypothesis, and of the statements that rest on it."""
     text = f"Definition {name} {parameters(own, rest)} : Prop :={rest}.\n"
     arguments = "cfg tr" if "cfg" in rest else "tr"
     for other, params, body in statements:
@@ -126,7 +126,7 @@ def of_statements(wanted):
 
 
 def body_at(text, i):
-    """Returns what follows the first colon outside of brackets."""
+    """Returns the position behind the first colon outside of brackets."""
     depth = 0
     while depth or text[i] != ":":
         depth += (text[i] in "([") - (text[i] in ")]")
@@ -162,7 +162,7 @@ def compiled(folder, name):
 
 
 def unused(build, removal):
-    """Returns why no script uses it, or None."""
+    """Returns why no script is seen to use what was removed, or None if one uses it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         linked(folder, build, {file for file, _ in removal.files})

@@ -1,6 +1,6 @@
 //! The machine's steps that harnesses take.
 //!
-//! A counterexample that is run again also records each step as lines of a trace.
+//! A replay of a counterexample also records each step as lines of a trace.
 
 use crate::fusion::{At, Fusion, Ready};
 use crate::priority::Priority;

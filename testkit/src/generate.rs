@@ -13,7 +13,8 @@ mod wide;
 
 use flood::DepartureOrder;
 
-/// A step looks back at most this many timestamps or requests.
+/// The number of newest timestamps or requests among which a step looks. One step looks among twice
+/// as many.
 const RECENT: usize = 12;
 /// One run in this many fills the greatest window.
 const FLOODS: u64 = 250;

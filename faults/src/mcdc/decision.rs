@@ -79,7 +79,7 @@ impl Instrumenter<'_> {
         text.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
-    /// Returns the text with everything put in.
+    /// Returns the text with all insertions.
     fn rewritten(mut self) -> String {
         // Stable: what was put in first at a place stands first there.
         self.insertions.sort_by_key(|(at, _)| *at);

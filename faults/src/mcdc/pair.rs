@@ -22,7 +22,8 @@ pub struct IndependencePair<'a> {
 }
 
 impl Evaluation {
-    /// Returns a line of the record: the decision's number, its conditions, the outcome, the test.
+    /// Parses a line of the record: the decision's number, its conditions, the outcome, the test.
+    /// Returns `None` if the line is not of this form.
     pub(crate) fn parse(line: &str) -> Option<(usize, Self)> {
         let mut words = line.splitn(4, ' ');
         let decision = words.next()?.parse().ok()?;
@@ -39,7 +40,7 @@ impl Evaluation {
 }
 
 impl<'a> IndependencePair<'a> {
-    /// Returns the tests that took them.
+    /// Returns the tests that made the two evaluations.
     pub(crate) fn tests(self) -> [&'a str; 2] {
         [&self.holds.test, &self.fails.test]
     }

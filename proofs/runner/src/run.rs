@@ -24,7 +24,7 @@ use crate::uncatchable::UncatchableFaults;
 /// The groups that take longest. A fault is first tried with the others.
 const SLOWEST_GROUPS: [&str; 2] = ["fusion", "wait"];
 
-/// The harnesses to prove, and the tools to prove them with.
+/// The sources and the settings of a run.
 pub(crate) struct ProofRun<'a> {
     pub(crate) tree: &'a Path,
     pub(crate) root: &'a Path,

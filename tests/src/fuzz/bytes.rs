@@ -6,7 +6,7 @@ use fuseline_traces::{Cloud, Commit, Header, Input};
 
 /// Eight bytes follow, the least first.
 const LONG: u8 = u8::MAX;
-/// The value of a byte that is a signed difference and stands for [`LONG`].
+/// Means the same as [`LONG`] in a byte that is a signed difference.
 const FAR: i8 = i8::MIN;
 /// Set in a run's first byte under patient.
 const PATIENT: u8 = 16;

@@ -228,7 +228,7 @@ fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result
     Ok(run)
 }
 
-/// A drawn subject other than a run of one operator.
+/// A kind of run that is drawn besides the runs of one operator.
 #[derive(Clone, Copy)]
 enum Drawn {
     Graph,

@@ -61,7 +61,7 @@ pub struct OpenedMessage {
     pub at: u64,
     /// Local's deadline.
     pub deadline: Option<u64>,
-    /// The end of the request.
+    /// The outcome in its last item, once that is decided.
     pub end: Option<Departure>,
     /// Its items, by their indices in `items`.
     pub items: Vec<usize>,

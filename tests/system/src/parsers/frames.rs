@@ -22,7 +22,7 @@ pub(super) const ENDS: &[&str] = &["answered", "described", "refused"];
 /// The path of a call.
 const INFER: &str = "/fuseline.v1.Infer/Infer";
 const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
-/// The prefix of a message in a frame: a flag, and the length in 4 bytes.
+/// The number of bytes before a message in a frame: a flag, and the length in 4 bytes.
 const PREFIX: usize = 5;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
@@ -34,7 +34,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     if selector % 3 == 1 { describe(rest, *cut, ends) } else { infer(rest, *cut, ends) }
 }
 
-/// A message that can be read is the same after it was written and read again.
+/// Checks that a message that can be read is the same after it is written and read again.
 fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
     let Ok(message) = M::decode(bytes) else { return Ok(()) };
     let written = message.encode_to_vec();
@@ -106,7 +106,7 @@ impl Infer for Echo {
     }
 }
 
-/// Returns what the server says to a body that comes in two pieces, and with which code.
+/// Sends the server a body in two pieces, and returns the code and the body of its reply.
 fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
     let (first, second) = body.split_at(usize::from(cut).min(body.len()));
     let piece = |bytes| Ok::<_, Infallible>(Frame::data(Bytes::copy_from_slice(bytes)));

@@ -8,7 +8,7 @@ use serde::Deserialize;
 pub struct KeptSeed {
     /// The seed.
     pub seed: u64,
-    /// The fault, and how it was repaired.
+    /// A description of what was wrong, and of what was done about it.
     pub because: String,
 }
 

@@ -27,11 +27,11 @@ pub struct Scenario {
     pub link: Option<ScenarioLink>,
     /// The gate's limit for side requests and how many may be under way, if there are any.
     pub side: Option<(u64, usize)>,
-    /// `Some` if late results are given as hints, and true if their handler panics.
+    /// `Some` if late results are given as hints, and `Some(true)` if their handler panics.
     pub hints: Option<bool>,
     /// `true` if somebody takes the metrics, which costs as much as a source.
     pub metered: bool,
-    /// The fate of the recording.
+    /// The disk that takes the recording.
     pub disk: Disk,
     /// The readers of the output. The first one is there from the start.
     pub readers: Vec<ReaderPlan>,
@@ -85,10 +85,10 @@ pub struct ScenarioLink {
     pub bytes: [usize; 2],
 }
 
-/// The fate of a recording.
+/// A disk that takes a recording.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Disk {
-    /// It is written whole, in parts of this many bytes if that is given.
+    /// The recording is written whole, in parts of this many bytes if that is given.
     Whole(Option<u64>),
     /// After this many parts of this many bytes the disk is full.
     FullAfter(u64, u64),
@@ -159,9 +159,9 @@ pub enum CallResult {
     BadResponse,
     /// Returns a response at which the response handler panics.
     PanickingResponse,
-    /// Never: a half-open connection, or a black hole.
+    /// Never ends: a half-open connection, or a black hole.
     Hangs,
-    /// Never, and it panics when it is dropped.
+    /// Never ends, and panics when it is dropped.
     HangsAndPanics,
 }
 

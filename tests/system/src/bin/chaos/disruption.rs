@@ -1,4 +1,4 @@
-//! Draws disruptions from a seed: the part, the instant and the duration.
+//! Draws disruptions from a seed: the kind, the cloud, the duration, and the calm afterwards.
 
 use std::fmt;
 use std::time::Duration;
