@@ -47,7 +47,7 @@ pub struct FunctionIndex<'a> {
     read: BTreeMap<String, Vec<Function>>,
 }
 
-/// The files with which a crate begins.
+/// The root files of a crate.
 struct CrateFiles {
     roots: Vec<String>,
 }

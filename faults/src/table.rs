@@ -265,7 +265,7 @@ fn shown(
     for fault in faults {
         for (kind, witnesses) in &fault.caught_by {
             let Some(kind) = WitnessKind::find(kind) else { continue };
-            // One in parentheses is a program of which it is not known which test failed.
+            // A witness that ends in a parenthesis is a program whose failed test is unknown.
             for witness in witnesses.iter().filter(|witness| !witness.ends_with(')')) {
                 let of = match cited.entry((kind.name, witness)) {
                     std::collections::btree_map::Entry::Occupied(known) => known.into_mut(),
