@@ -28,7 +28,7 @@ class Executor {
   void spin() {
     while (!due_.empty()) {
       auto next = due_.extract(due_.begin());
-      // An overdue timer is called at once: the clock does not go back.
+      // An overdue callback is called at once: the clock does not go back.
       static_cast<void>(clock.advance(next.key() - clock.now()));
       next.mapped()();
     }

@@ -1,6 +1,7 @@
 /*
- * Measures what a machine of one capacity costs on a Cortex-M: the most instructions of each input, and the deepest stack, on
- * inputs chosen to be expensive: a window kept nearly full and touched anywhere, with dues that now and then coincide.
+ * Measures what a machine of one capacity costs on a Cortex-M: the most instructions of each input, and the deepest
+ * stack, on inputs chosen to be expensive: a window kept nearly full and touched anywhere, with dues that now and then
+ * coincide.
  *
  * QEMU counts: with -icount shift=7 each instruction takes 128 ns of its clock, on which SysTick counts at 25 MHz. What
  * a measurement itself takes, the call and its arguments included, is taken off.

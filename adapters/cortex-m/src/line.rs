@@ -10,7 +10,7 @@ use serde::Deserialize;
 pub struct Line<'a> {
     /// The version: a header.
     pub fuseline: Option<u64>,
-    /// The kind of input.
+    /// The event: only an input has one.
     #[serde(borrow)]
     pub ev: Option<&'a str>,
     /// When.

@@ -12,7 +12,7 @@ use fuseline_core::{
     Timestamp,
 };
 
-/// An input to the operator, without its instant: the operator stamps it when it receives it. `V` is a result's
+/// An input to the operator, without its instant, which is when the operator receives it. `V` is the type of a result's
 /// value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Arrival<V = ()> {

@@ -69,7 +69,7 @@ pub struct CloudConfig {
     /// the message was accepted. The policy is called in the operator's task and must not block. If it
     /// panics, no request is made.
     pub policy: Option<Box<dyn Policy + Send>>,
-    /// The time that a call may run on after its due instant, so that `policy` learns its true response time; 0 by
+    /// The time that a call may run on after its due instant, so that `policy` learns how long it really takes; 0 by
     /// default. A result that comes then is still dropped (F3).
     ///
     /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the

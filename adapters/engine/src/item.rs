@@ -28,7 +28,7 @@ pub struct Item<V> {
     pub decided: Duration,
     /// The number of items of its message before this one. It is 0 unless the commit rule is progressive.
     pub revision: u32,
-    /// The ending of the message.
+    /// The way in which the message ended.
     pub ending: Ending<V>,
     /// The sources whose failure was accepted by then, and the reasons (F4).
     pub failures: Vec<Failure>,

@@ -29,7 +29,7 @@ WARM_UP = 200
 
 
 def inside(messages: int, library: str) -> None:
-    """Runs under valgrind: the operator, then by hand."""
+    """Runs the operator and then the same by hand; valgrind runs this."""
     import uvloop
     from cost import Sources, by_hand, one_by_one, operator
 

@@ -240,7 +240,7 @@ impl PyEngine {
         self.interrupt.take().map_or(Ok(()), Err)
     }
 
-    /// Moves the time (F5).
+    /// Lets time pass until this instant (F5).
     pub(crate) fn tick(&self, at: u64) -> PyResult<Option<EngineEffect>> {
         self.apply(|inner| inner.tick(at))
     }
@@ -259,7 +259,7 @@ impl PyEngine {
         self.effects.item(py, item)
     }
 
-    /// Returns the instant of the next tick, if one is due.
+    /// Returns the instant at which to tick next, or `None` if there is none.
     pub(crate) fn next_due(&self) -> PyResult<Option<u64>> {
         self.with(|inner| inner.next_due())
     }

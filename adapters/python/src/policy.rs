@@ -317,7 +317,7 @@ impl SharedExpected {
         }
     }
 
-    /// Locks the policy without waiting: a loss in Python runs meanwhile.
+    /// Locks the policy without waiting, because a loss in Python runs while it is locked.
     fn locked(&self) -> PyResult<MutexGuard<'_, deadline::Expected<AnyLoss, WINDOW>>> {
         match self.policy.try_lock() {
             Ok(policy) => Ok(policy),

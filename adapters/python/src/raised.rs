@@ -11,7 +11,8 @@ pyo3::import_exception!(fuseline._errors, DeadlineError);
 pyo3::import_exception!(fuseline._errors, TimeError);
 pyo3::import_exception!(fuseline._errors, ReadError);
 
-/// Returns a trace that cannot be read, with its place; an exception that came while reading goes on as it is.
+/// Returns the exception for a trace that cannot be read, with its place. An exception that came while reading is
+/// returned as it is.
 pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     let fuseline_traces::ReadError { file, line, column, defect } = error;
     match defect {
@@ -23,7 +24,7 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     }
 }
 
-/// Returns a trace that is out of order, and so cannot be judged as observed.
+/// Returns the exception for a trace that is out of order, and so cannot be judged as observed.
 pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     let message = error.to_string();
     let place = format!("{}:{}:1: ", error.file, error.line);
@@ -31,7 +32,7 @@ pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     read_error((error.file.clone(), error.line, 1, what))
 }
 
-/// Returns a configuration that the machine refuses.
+/// Returns the exception for a configuration that the machine refuses.
 pub(crate) fn config(error: impl Display) -> PyErr {
     ConfigError::new_err(error.to_string())
 }

@@ -78,7 +78,7 @@ impl TraceSource {
     }
 }
 
-/// Unpacks the trace if need be, and stops if somebody asks for it.
+/// Returns a reader that unpacks the trace if need be, and ends if somebody interrupts it.
 fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
     Ok(Box::new(InterruptibleReader::new(unpack(trace)?)))
 }

@@ -118,7 +118,7 @@ RANGE = "a priority of {}; clouds have 1 to 65535, and local has 0"
 
 
 def but_none(bad: Bad) -> Bad:
-    """An argument for which None stands for a default."""
+    """Returns the bad values but None, for an argument whose default None stands for."""
     return [it for it in bad if it[0] is not None]
 
 
@@ -143,7 +143,7 @@ def operator(**of: Any) -> Operator[Any, Any]:
 
 
 def started(**of: Any) -> None:
-    """An argument that only the start can refuse."""
+    """Starts an operator, because only the start can refuse some arguments."""
 
     async def main() -> None:
         made = operator(**of)

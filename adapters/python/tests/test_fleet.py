@@ -353,7 +353,7 @@ def test_a_page_of_nothing_is_refused(tmp_path: Path) -> None:
 
 
 class PlayedRay:
-    """Stands for Ray's data sets: files in this many blocks, each judged by a task."""
+    """Stands for Ray's data sets: files in blocks, each judged by a task."""
 
     def __init__(self) -> None:
         self.blocks = 0

@@ -76,7 +76,7 @@ class PageReader(HTMLParser):
         self.open[-1].parts.append(data)
 
     def section(self, heading: str) -> PageElement | None:
-        """Returns the text after a heading."""
+        """Returns the element after a heading."""
         children = self.body.children
         places = [i for i, it in enumerate(children) if it.tag == "h2" and it.text == heading]
         assert len(places) <= 1

@@ -594,7 +594,7 @@ def test_stall_longer_than_a_chunk(caplog: pytest.LogCaptureFixture) -> None:
     with Always(answers, Hold([0.0]), period=2.0, deadline=2.0, chunk=chunk) as policy:
         ticks(policy, lambda: policy.infer([0.0]) == [0.5])
         assert policy._rate is not None and policy._plan is not None
-        # As if the tick before had been this long ago.
+        # As if the tick before had been `periods` ago.
         for periods, is_old in ((41, False), (41.5, True)):
             now = time.monotonic()
             policy._rate._before = now

@@ -31,7 +31,7 @@ SIDE = 100
 
 @dataclass(frozen=True)
 class DrawnAction:
-    """Tells a source what to do with a message, and which message its reply names."""
+    """An action of a source on a message, and the message that its reply names."""
 
     kind: str
     ms: int

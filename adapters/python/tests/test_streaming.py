@@ -99,7 +99,7 @@ def test_overlap_is_the_share_of_squares_in_common() -> None:
 
 
 class ReferenceForecast:
-    """Computes the loss by whole tracks: each is a box, its velocity, and the instant of both."""
+    """Does what `Forecast` does, by whole tracks: each is a box and its velocity."""
 
     def __init__(self, least: float, weight: float) -> None:
         self.least, self.weight = least, weight

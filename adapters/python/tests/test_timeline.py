@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 from matplotlib.pyplot import close, subplots
 
 PRIORITIES = (2, 3, 9)
-#: The colours of local and the clouds by priority, then of no result and of an unknown source.
+#: The colours of local and the clouds by priority; `NOTHING` is for no result or source.
 COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7")
 NOTHING = "#b2182b"
 

@@ -35,7 +35,7 @@ impl Clock {
         }
     }
 
-    /// Takes over a parameter that was set.
+    /// Applies a parameter that was set; all but `use_sim_time` are ignored.
     pub(crate) fn set(&self, name: &str, value: &Value) {
         if let ("use_sim_time", Value::Bool(value)) = (name, value) {
             self.is_simulated.store(*value, Ordering::Relaxed);

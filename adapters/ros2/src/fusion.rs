@@ -198,7 +198,7 @@ impl Transport for NodeFusion<'_> {
     }
 
     /// Publishes a late result, which may help with the next messages. It never goes to the
-    /// output's topic. It never goes to the output's topic.
+    /// output's topic.
     fn hint(&mut self, hint: Hint<Payload>) {
         let Hint { source, value, timestamp, why, .. } = hint;
         let of = self.sources.iter().find(|it| it.priority == source.priority);
@@ -209,7 +209,7 @@ impl Transport for NodeFusion<'_> {
         }
     }
 
-    /// Publishes an item: on the output's topic once, as the last one (F7, F9).
+    /// Publishes an item. Only the last item of a message goes to the output's topic (F7, F9).
     fn output(&mut self, item: Item<Payload>) {
         let LoopState { stamps, preliminary, intake, .. } = &mut self.memory;
         let timestamp = item.timestamp;

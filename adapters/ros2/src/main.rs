@@ -68,7 +68,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Returns the reason why the node would not start.
+/// Checks whether the node would start. The error is the reason why it would not.
 fn check(settings: &Settings) -> Result<(), NodeError> {
     runtime()?.block_on(async { fuseline_ros2::check(settings) })
 }

@@ -75,7 +75,7 @@ pub(crate) struct NodeCounts {
     pub(crate) encoding: u64,
     /// Inputs with the stamp of a message that is open or was answered recently.
     pub(crate) duplicate_stamp: u64,
-    /// Inputs with such a stamp whose header has the stamp 0.
+    /// The inputs among `duplicate_stamp` whose header has the stamp 0.
     pub(crate) stamp_zero: u64,
     /// Accepted messages whose stamp is not greater than all before.
     pub(crate) stamp_backwards: u64,

@@ -27,7 +27,7 @@ pub(crate) struct LogLine {
 }
 
 impl Rosout {
-    /// Returns the layer, and what [`run`](crate::run) publishes.
+    /// Returns the layer, and the log lines that [`run`](crate::run) publishes.
     #[must_use]
     pub fn new() -> (Self, PendingLogs) {
         let (sender, lines) = mpsc::channel(LINES);

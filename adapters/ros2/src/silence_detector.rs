@@ -27,12 +27,12 @@ pub(crate) struct SilenceDetector {
 }
 
 impl SilenceDetector {
-    /// Returns the rhythm of a topic on which nothing has come yet.
+    /// Makes the detector of a topic on which nothing has come yet.
     pub(crate) fn new(patience: Option<Duration>) -> Self {
         Self { patience, ..Self::default() }
     }
 
-    /// Returns the rhythm of a topic on which messages are expected from now on.
+    /// Makes the detector of a topic on which messages are expected from now on.
     pub(crate) fn expecting(patience: Option<Duration>, now: Instant) -> Self {
         Self { patience, since: Some(now), ..Self::default() }
     }
@@ -81,7 +81,7 @@ mod tests {
         Duration::from_millis(ms)
     }
 
-    /// Returns a topic with a message at each of these instants.
+    /// Returns the detector of a topic with a message at each of these instants.
     fn received(patience: Option<Duration>, start: Instant, at_ms: &[u64]) -> SilenceDetector {
         let mut silence_detector = SilenceDetector::new(patience);
         for at in at_ms {

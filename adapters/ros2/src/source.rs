@@ -45,7 +45,7 @@ pub(crate) type Handle = Arc<
 pub(crate) struct UnmatchedResults {
     /// Results whose key belongs to no remembered message.
     pub(crate) unknown_stamp: u64,
-    /// Results with an unknown stamp whose header has the stamp 0.
+    /// The results among `unknown_stamp` whose header has the stamp 0.
     pub(crate) stamp_zero: u64,
     /// Results without a key.
     pub(crate) malformed: u64,

@@ -20,7 +20,7 @@ use fuseline_tokio::{
 use tokio::runtime::Builder;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// Tells a source what to do with a message, after a number of milliseconds. A reply may say of which message it is.
+/// An action of a source on a message, after this many milliseconds. A reply may say of which message it is.
 #[derive(Clone, Copy)]
 enum PlayedAction {
     Answers(u64, Option<u64>),
@@ -46,8 +46,8 @@ struct PlayedSide {
     resume: u64,
 }
 
-/// One message of a scenario: when it comes, its lineage, what local does, and for each cloud and side request the
-/// deadline and what it does, if it is asked.
+/// One message of a scenario: its instant, its lineage, and local's action. `asked` has the deadline and the action of
+/// each cloud and side request; one without a deadline is not asked.
 #[derive(Clone)]
 struct PlayedMessage {
     at: u64,

@@ -26,7 +26,7 @@ use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage};
 use crate::workers::Workers;
 
-/// The channels from which an operator reads, and to which it writes.
+/// An operator's input and output, its handlers, and its workers.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<CloudHandler<I, O>>,

@@ -1,4 +1,4 @@
-//! Tests of calls, handlers, threads, and operators that affect one another.
+//! Tests what operators do with calls, handlers, threads and one another.
 
 use std::future::pending;
 use std::sync::atomic::{AtomicU64, Ordering};

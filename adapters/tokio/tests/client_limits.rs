@@ -48,7 +48,7 @@ const WIDE: Bounds = Bounds {
 /// One test at a time: they look at the log and at the memory of the whole process.
 static TURN: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
-/// The log of the servers.
+/// The log that the servers write.
 static LOG: LazyLock<Log> = LazyLock::new(|| {
     let log = Log::default();
     tracing_subscriber::fmt().with_writer(log.clone()).with_ansi(false).init();
@@ -123,7 +123,7 @@ fn resident() -> usize {
     pages.split(' ').nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
-/// Counts how often this process did not run for a second.
+/// Counts how often this process did not run for a second, which is less than any bound here.
 struct Standstills(Arc<AtomicU64>);
 
 impl Standstills {

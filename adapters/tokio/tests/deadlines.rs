@@ -42,7 +42,7 @@ impl Policy for RecordingPolicy {
     }
 }
 
-/// Tells a cloud what to do with the n-th message, in ms from the request.
+/// An action of a cloud on a message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -122,7 +122,7 @@ async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_
     assert_eq!(*log.lock().unwrap(), reported);
 }
 
-/// Returns what becomes of five messages, 200 ms apart with 100 ms each.
+/// Returns the cloud's action on message `t` of five. They come 200 ms apart, and each has a deadline of 100 ms.
 fn fates(t: u64) -> ServiceAction {
     [Answers(40), Fails(30), Answers(130), Answers(170), Hangs][usize::try_from(t).unwrap()]
 }

@@ -1,4 +1,5 @@
-//! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one again, `GRAPHS=N` this many.
+//! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one of
+//! them again, and `GRAPHS=N` runs N of them.
 
 use tokio::runtime::Builder;
 

@@ -1,4 +1,4 @@
-//! The log of clouds that are gone. This is one test, because a program has one cache of who
+//! Tests what is logged about clouds that are gone. This is one test, because a program has one cache of who
 //! listens to which event.
 
 #[expect(dead_code, reason = "it is of the other tests too")]

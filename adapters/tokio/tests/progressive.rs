@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Tells a source what to do with a message.
+/// An action of a source on a message.
 #[derive(Clone, Copy)]
 enum Reply {
     After(u32),

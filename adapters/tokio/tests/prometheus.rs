@@ -26,7 +26,7 @@ impl Operator for Double {
     }
 }
 
-/// Returns where the metrics of this program are served.
+/// Serves the metrics of this program, once for all tests. Returns the address.
 fn served() -> SocketAddr {
     static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
     *ADDRESS.get_or_init(|| {
@@ -41,7 +41,7 @@ fn served() -> SocketAddr {
     })
 }
 
-/// Returns what is served now.
+/// Returns the metrics as they are served now.
 async fn scrape() -> String {
     let page = tokio::task::spawn_blocking(|| {
         let mut socket = TcpStream::connect(served()).unwrap();

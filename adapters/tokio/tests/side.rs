@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Tells a service what to do with the n-th message, in ms from the request.
+/// An action of a service on a message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -289,7 +289,7 @@ async fn an_aside_whose_gate_could_never_open_is_refused() {
     assert!(matches!(&error, SpawnError::SideRequest { name } if name == "side-2"), "{error}");
 }
 
-/// A cloud with 30 ms that answers after this long, and lingers for 100 ms more.
+/// Adds a cloud with a deadline of 30 ms, which answers after `ms` and may linger for 100 ms.
 fn slow_cloud(setup: &mut Setup<u64, String>, ms: u32) {
     let start = Instant::now();
     let handle = move |t, _: Call| async move {

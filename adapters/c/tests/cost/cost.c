@@ -1,8 +1,8 @@
 /*
  * Measures what the border costs: the same inputs given to the machine from C and from Rust, in turns, in one process.
- * Six inputs a message, about four messages open, each left by its firing. Prints nanoseconds an input and the ratio, by the least
- * of all turns, which noise cannot lower, and how the ratio of one turn is spread. A ratio in the middle above the first
- * argument (1.1) is exit code 2; the second is how many turns there are, at most and by default 5000.
+ * Six inputs a message, about four messages open, each left by its firing. Prints nanoseconds an input and the ratio, by
+ * the least of all turns, which noise cannot lower, and how the ratio of one turn is spread. A ratio in the middle above
+ * the first argument (1.1) is exit code 2; the second is how many turns there are, at most and by default 5000.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>

@@ -39,7 +39,7 @@ struct VirtualObject {
   time_point now() const noexcept { return time_point(Virtual::at); }
 };
 
-// The source of the result, so that a value that is forwarded for another one is seen.
+// The message and the source of a result, so that a value that is forwarded for another one is seen.
 struct Value {
   Timestamp t;
   Priority source;
@@ -153,7 +153,7 @@ class Driver {
     return !due || due->time_since_epoch() > Virtual::at || sink_.at > line_.at;
   }
 
-  // Writes the decisions that did not go to the sink.
+  // Writes a decision that did not go to the sink.
   void say(const Answer& answer) const {
     const char* ev = nullptr;
     switch (answer.outcome()) {

@@ -46,7 +46,8 @@ static uint64_t number(void) {
   return b < 250U ? b % 40U : UINT64_MAX - (uint64_t)(b - 250U);
 }
 
-/* Returns whether all bytes are the same, also those between members, which nobody ever wrote: of copies, valgrind may take them for written. */
+/* Returns whether all bytes are the same, also those between members, which nobody ever wrote. The copies let valgrind
+ * take those for written. */
 static int same(const void *a, const void *b, size_t len) {
   static uint8_t copies[2][8192];
   HOLDS(len <= sizeof copies[0]);

@@ -195,7 +195,7 @@ async def watch(
 
 
 def note(vehicle: Vehicle, name: str, item: Item[Any], frame: int, by: str, driven: Drive) -> None:
-    """Notes how this operator answered the frame, if the item belongs to it."""
+    """Notes how this operator answered the frame, if the item is of that frame."""
     lineage = item.lineage
     if lineage is None or lineage.seq != frame or not str(lineage.origin).endswith("-camera"):
         return

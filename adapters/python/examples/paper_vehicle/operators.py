@@ -101,7 +101,7 @@ class Vehicle:
         return operator
 
     def keep_last(self, operator: Operator[Any, Any]) -> None:
-        """Sends the last result for a message without one, as old as it is."""
+        """Lets an operator send its last result for a message without one, as old as it is."""
         last = CarriedState[Any](None)
         operator.use_state(last, lambda output: output)
         operator.use_substitute(lambda _: last.current())
@@ -228,7 +228,7 @@ def planning(
 
 
 def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
-    """Returns a command for each tick: by the last plan, or a safe stop."""
+    """Makes the operator that sends a command for each tick: by the last plan, or a safe stop."""
 
     async def compute(joined: Joined, _: int) -> Scene | str:
         await asyncio.sleep(0.001)

@@ -46,7 +46,7 @@ class Kill:
         return self.part == part and self.after <= elapsed_ms(self.start)
 
     async def compute(self, part: str, seconds: float, result: T) -> T:
-        """Computes something by this part."""
+        """Returns the result after this part's runtime, or never if the part is dead by then."""
         await asyncio.sleep(seconds)
         if self.hits(part):
             await asyncio.Event().wait()

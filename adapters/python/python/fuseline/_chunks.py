@@ -284,7 +284,7 @@ def _split(reply: Any) -> Sequence[Any]:
 
 
 def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Combines the numbers or arrays of two actions of one form; takes others from b."""
+    """Combines two actions of one form by numbers and arrays; takes everything else from b."""
     if isinstance(b, dict):
         return {key: _each(combine, a[key], b[key]) if key in a else b[key] for key in b}
     if isinstance(b, (list, tuple)):
@@ -297,7 +297,7 @@ def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
 def _clipped(step: Any, most: float) -> Any:
     if hasattr(step, "clip"):
         return step.clip(-most, most)
-    # A step that is not a number is not the step of the greatest length.
+    # A step that is not a number stays as it is: it must not become the longest one.
     return max(-most, min(most, step)) if step == step else step
 
 

@@ -53,7 +53,7 @@ _FINAL = Ending.FINAL
 
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: A source whose tasks do not end gets no more once this many go on (D8).
+#: A source gets nothing more once this many tasks go on beyond those that may (D8).
 OVERDUE_TASKS = 1024
 
 _log = logging.getLogger("fuseline")

@@ -68,7 +68,7 @@ class PolicyFailures:
             )
 
     def of_item(self, item: Item[Any], deadline: float) -> None:
-        """Counts the outcome of a tick: whether the policy on board failed, or came too late."""
+        """Notes a failure of the policy on board in this tick: it failed, or came too late."""
         failed = [it for it in item.failures if it.source.priority == 0]
         if not failed and item.ending is Ending.MISSED:
             failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]

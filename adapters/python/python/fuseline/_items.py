@@ -60,7 +60,8 @@ class Items(Generic[T]):
             )
         self._shared = _SharedSource(source.__aiter__(), output_len)
         self._waiting: deque[T] = deque()
-        #: The number of tasks that read with this reader, and whether that was logged.
+        #: The number of tasks that read with this reader now, and whether it was logged that they
+        #: share it.
         self._readers, self._is_reported = 0, False
         self._shared.add(self)
 

@@ -191,7 +191,8 @@ class Join:
         check_clock(clock)
         check_reserve(reserve)
         self.name = name
-        #: The sets by their cause, the inputs missing in them, and the dropped messages.
+        #: The numbers of sets by cause, of inputs missing in them, and of messages dropped by
+        #: reason.
         self.counts: Counts[tuple[str, str, str]] = Counts(
             known=((name, "set", it.value) for it in JoinCause)
         )

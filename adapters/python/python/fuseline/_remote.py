@@ -19,10 +19,10 @@ from fuseline._wiring import check_read, is_async
 
 _log = logging.getLogger("fuseline")
 
-#: If this many threads hang, in calls or in closing, the next call is made later.
+#: This many threads may hang, in calls or in closing, before the next call is made later.
 HUNG_THREADS = 16
-#: The seconds from the end of a connection until the next one may begin; twice as long for each
-#: thread that hangs beyond those, up to the longest.
+#: The seconds from the end of a connection until the next one may begin. They double with each
+#: thread that hangs beyond `HUNG_THREADS`, up to `LONGEST_PAUSE`.
 PAUSE = 0.1
 LONGEST_PAUSE = 60.0
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
-#: The loop and the future that wait, and the computation.
+#: The loop and the future that wait, and the arguments of the computation.
 _Job = tuple[asyncio.AbstractEventLoop, "asyncio.Future[Any]", tuple[Any, ...]]
 
 

@@ -56,7 +56,7 @@ class Forecast:
         self._least_overlap, self._weight = least_overlap, weight
         self._at = -math.inf
         self._boxes: list[tuple[float, ...]] = []
-        #: The velocity of each box, in widths of the image a second; None if it was seen once.
+        #: The velocity of each box, in the unit of boxes a second; None if it was seen once.
         self._velocities: list[tuple[float, float] | None] = []
 
     def update(self, at: float, boxes: Sequence[Box]) -> list[float]:
@@ -117,7 +117,7 @@ class Forecast:
         return chosen
 
     def _velocity(self, i: int, box: tuple[float, ...], at: float) -> tuple[float, float] | None:
-        """Returns the velocity of the box that was number `i` before."""
+        """Returns the velocity of a box that was number `i` before."""
         known, seconds = self._velocities[i], at - self._at
         if seconds <= 0:
             return known

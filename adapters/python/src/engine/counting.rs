@@ -49,13 +49,13 @@ impl PyCounting {
         in_force.collect()
     }
 
-    /// Counts a failed handler: one of the messages to cloud `p`, or without `p` one of situations.
+    /// Counts a failed handler: the message handler of cloud `p`, or without `p` the one for situations.
     fn handler_failed(&self, p: Option<u16>) {
         self.counting.handler_failed(p);
     }
 
-    /// Counts a handler that ran for this many nanoseconds without a pause. It belongs to source
-    /// `p`, or without `p` to the operator.
+    /// Counts a handler that ran for `lasted` nanoseconds without a pause, if the lag warning does
+    /// not allow as many. It belongs to source `p`, or without `p` to the operator.
     fn check_handler_time(&self, p: Option<u16>, lasted: u64) {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }

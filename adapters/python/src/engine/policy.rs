@@ -48,8 +48,8 @@ struct PolicyClasses {
 }
 
 impl EnginePolicy {
-    /// Makes a policy: a duration is a constant, a pair has the cap first, and an object of no
-    /// class of the extension's is a policy in Python.
+    /// Makes a policy. A duration is a constant, and a pair is a cap and the policy that it caps. An
+    /// object of no class of the extension is a policy in Python.
     pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
         if AnswerClasses::get(policy.py())?.is_ns(policy.as_borrowed()) {
             let Nanos(deadline) = policy.extract()?;
@@ -75,8 +75,7 @@ impl EnginePolicy {
 }
 
 impl Traits {
-    /// Returns the methods of a policy that come from the package's classes, from which a policy in Python may
-    /// derive.
+    /// Returns the requirements of a policy in Python, by the package's classes from which it derives.
     fn of(policy: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = policy.py();
         let module = py.import("fuseline.deadline")?;

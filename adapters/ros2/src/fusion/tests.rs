@@ -20,7 +20,7 @@ use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Tells a source what to do with a message, in milliseconds from the request.
+/// An action of a source on a message, in milliseconds from the request.
 #[derive(Clone, Copy)]
 enum SourceAction {
     Answers(u64),
@@ -31,7 +31,7 @@ enum SourceAction {
 }
 use SourceAction::{Answers, Fails, Loses, Panics};
 
-/// Tells a source what to do with each message.
+/// The action of a source on each message.
 type Plan = fn(u64) -> SourceAction;
 
 /// A script of events, for either transport: the timestamp of a message is its index.

@@ -128,7 +128,7 @@ fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {
     Some(())
 }
 
-/// Returns whether the value is the second of two words.
+/// Returns whether the value is the second of two words, or `None` if it is neither.
 fn one_of(value: &str, [no, yes]: [&str; 2]) -> Option<bool> {
     (value == no || value == yes).then_some(value == yes)
 }

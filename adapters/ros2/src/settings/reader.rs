@@ -93,7 +93,7 @@ impl<'a> ParameterReader<'a> {
         })
     }
 
-    /// Returns a list of texts.
+    /// Reads a list of texts.
     pub(super) fn names(&mut self, name: &str) -> Result<LocatedValue<Vec<String>>, SettingsError> {
         self.read(name, None, |value| match value {
             Value::Strings(names) => Some(names.clone()),
@@ -150,7 +150,7 @@ impl<'a> ParameterReader<'a> {
         flag.map(|flag| flag.value)
     }
 
-    /// Returns a time, by the kind of the parameter.
+    /// Reads a time, by the kind of the parameter.
     pub(super) fn seconds(&mut self, name: &str) -> Result<Duration, SettingsError> {
         let (kind, bound) = (line(name).kind, self.deadlines);
         let seconds = self.read(name, None, |value| match kind {
@@ -162,14 +162,14 @@ impl<'a> ParameterReader<'a> {
         seconds.map(|seconds| seconds.value)
     }
 
-    /// Returns the greatest deadline, which bounds those that are read after it.
+    /// Reads the greatest deadline, which bounds those that are read after it.
     pub(super) fn greatest_deadline(&mut self) -> Result<Duration, SettingsError> {
         let greatest = self.seconds(GREATEST_DEADLINE)?;
         self.deadlines = DeadlineBound(greatest);
         Ok(greatest)
     }
 
-    /// Returns a number of at least 0.
+    /// Reads a number of at least 0.
     pub(super) fn figure(
         &mut self,
         name: &str,
@@ -192,13 +192,13 @@ impl<'a> ParameterReader<'a> {
         SettingsError::Value { origin, name, value, expected }
     }
 
-    /// Returns a file's path; an empty one is none, and the default.
+    /// Reads a file's path; `None` if it is empty, which is the default.
     pub(super) fn path(&mut self, name: &str) -> Result<Option<PathBuf>, SettingsError> {
         let path = self.text(name, None)?.value;
         Ok(Some(path).filter(|path| !path.is_empty()).map(PathBuf::from))
     }
 
-    /// Returns a topic's full name; none if it is empty, and so is its default.
+    /// Reads a topic, and returns its full name; `None` if it is empty, and so is its default.
     pub(super) fn topic(
         &mut self,
         parameter: &str,
@@ -225,7 +225,7 @@ impl<'a> ParameterReader<'a> {
         self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
     }
 
-    /// Returns a published topic that has no parameter.
+    /// Adds a published topic that has no parameter, and returns its full name.
     pub(super) fn fixed_topic(
         &mut self,
         name: &str,

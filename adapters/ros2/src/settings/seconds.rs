@@ -13,7 +13,8 @@ pub(super) const GREATEST_DEADLINE: &str = "greatest_deadline";
 /// Their bounds.
 pub(super) const MOST_SECONDS: Range = Range::Double(0.0, 1e9);
 
-/// Returns a valid deadline: more than 0 when rounded to nanoseconds, at most 10⁹ seconds.
+/// Returns a number of seconds as a deadline, or `None` if it is not valid: a deadline is more than 0
+/// when rounded to nanoseconds, and at most 10⁹ seconds.
 #[must_use]
 pub fn seconds(seconds: f64) -> Option<Duration> {
     let time = Duration::try_from_secs_f64(seconds).ok()?;
@@ -38,12 +39,12 @@ pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
 pub(super) struct DeadlineBound(pub(super) Duration);
 
 impl DeadlineBound {
-    /// Returns a deadline.
+    /// Returns a value as a deadline.
     pub(super) fn deadline(self, value: &Value) -> Option<Duration> {
         seconds_of(value).filter(|deadline| *deadline <= self.0)
     }
 
-    /// Returns a deadline, or zero for another parameter's.
+    /// Returns a value as a deadline, or zero, which stands for another parameter's.
     pub(super) fn own_deadline(self, value: &Value) -> Option<Duration> {
         own_seconds(value).filter(|deadline| *deadline <= self.0)
     }
@@ -58,7 +59,7 @@ impl DeadlineBound {
         format!("{}, or 0 for deadline", self.expected())
     }
 
-    /// Returns the bounds as a parameter's.
+    /// Returns the bounds of a parameter that is a deadline.
     pub(super) fn range(self) -> Range {
         Range::Double(0.0, self.0.as_secs_f64())
     }

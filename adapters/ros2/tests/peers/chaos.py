@@ -41,7 +41,7 @@ def plan(plan):
 
 
 def wall_clock(seconds):
-    """Returns two steps: move the node's wall clock, and move it back. The node must report both."""
+    """Returns two steps: move the node's wall clock, and move it back. Both wait until the node's stamps show it."""
     return (lambda field: stands_off(field.listener, field.node, seconds),
             lambda field: stands_off(field.listener, field.node, 0))
 
@@ -117,7 +117,7 @@ class Field:
         return [heard.message["source"] for heard in list(self.listener.status.heard)[since:]]
 
     def breaks(self, harm):
-        """For a while; then the cloud's results are back within this many seconds."""
+        """Breaks it for a while, and mends it. Returns the seconds until the cloud's results are back."""
         strike, repair, is_silent = HARMS[harm]
         listener, end = self.listener, time.monotonic() + LASTS_S.get(harm, 2.0)
         strike(self)

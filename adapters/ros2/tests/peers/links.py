@@ -140,7 +140,7 @@ def a_robot_over_dds_has_a_cloud_over_zenoh(bench):
 
 
 def _certificates(bench):
-    """Returns the certificates of the router and of its clients: files by name, as JSON has them."""
+    """Makes certificates for the router and its clients. Returns a function that gives a file's path in JSON."""
     ca = Ca(bench.folder)
     for who in ("router", "robot", "west", "other"):
         ca.signs(who, "localhost")

@@ -66,7 +66,7 @@ class Peers:
 
 @dataclass(frozen=True)
 class Seen:
-    """Returns what a token names."""
+    """Holds what a token names."""
 
     kind: str
     namespace: str

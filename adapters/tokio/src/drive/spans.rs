@@ -106,7 +106,7 @@ impl MessageSpans {
         self.away.remove(&key);
     }
 
-    /// Notes that an item is sent.
+    /// Ends the span of a message whose last item is sent.
     pub(super) fn item<V>(&mut self, item: &Item<V>) {
         if self.open.is_empty() || !item.is_last() {
             return;

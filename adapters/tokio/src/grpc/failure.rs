@@ -1,4 +1,4 @@
-//! The reason of a failed call, in words for people.
+//! Explains in plain words why a call failed.
 
 use std::error::Error;
 use std::fmt;
@@ -8,8 +8,6 @@ use tonic::{Status, transport};
 
 /// Describes why a call failed in a few plain words, such as `connection refused` or `a bearer
 /// token is needed`. It names the innermost cause. The [`Status`] has the details.
-///
-/// `connection refused`, `a bearer token is needed`; the details are in the [`Status`].
 #[derive(Clone, Debug)]
 pub struct CallError(Status);
 

@@ -68,7 +68,7 @@ struct Stage {
     commit: Commit,
     may_lack_substitute: bool,
     sends_last_only: bool,
-    /// The stated time that it takes with its clouds beyond its time on board.
+    /// The time that it takes longer with its clouds than on board, as stated.
     extra: Duration,
 }
 
@@ -93,10 +93,10 @@ pub(crate) struct Pipeline {
     tail: Vec<Stage>,
 }
 
-/// Records whether an operator answered a message with a result, and how old the message was then.
+/// By operator and key: whether the message was answered with a result, and its age then.
 type Answers = BTreeMap<(usize, u64), (bool, Duration)>;
 
-/// The message of operators: the key of the frame.
+/// The value that operators send: the key of the frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Work(u64);
 

@@ -172,7 +172,7 @@ struct DrawnGraph {
     /// Operators of each branch.
     stages: u32,
     is_joined: bool,
-    /// The instants at which each frame of each sensor was captured.
+    /// The instant at which each frame of each sensor was captured.
     captures: Vec<SharedState<BTreeMap<u64, Instant>>>,
     link: DrawnLink,
     wrong: SharedState<Vec<String>>,
@@ -227,7 +227,7 @@ impl DrawnGraph {
     }
 
     fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
-        // The reserve for the branch's other operators, and for a join's.
+        // The reserve for the branch's other operators, and for the one behind a join.
         let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
         let mut items =
             Stage::draw(&mut self.rng, reserve(0), &self.link, &self.wrong).start(reader);

@@ -60,7 +60,7 @@ pub(crate) struct Raw {
     pub(crate) address: SocketAddr,
     stream: Option<TcpStream>,
     read: Vec<u8>,
-    /// The bytes that the server still accepts, on the connection and on each stream.
+    /// The bytes that the server still accepts on the connection; `windows` has those of streams.
     window: i64,
     is_greeted: bool,
     pongs: usize,
@@ -103,7 +103,7 @@ impl Raw {
         self.frame(SETTINGS, 1, 0, &[]).await;
     }
 
-    /// Returns whether they could be sent.
+    /// Sends the bytes. Returns `false` if the server ended the connection.
     pub(crate) async fn bytes(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
             let (mut coming, mut going) = self.stream.as_mut().unwrap().split();
@@ -154,7 +154,7 @@ impl Raw {
         while self.pongs == before && self.received().await {}
     }
 
-    /// Returns whether the server said something more.
+    /// Reads what the server says next. Returns `false` if it ended the connection.
     pub(crate) async fn received(&mut self) -> bool {
         let mut logged = [0; 4096];
         match self.stream.as_mut().unwrap().read(&mut logged).await {

@@ -14,7 +14,7 @@ use fuseline_tokio::{
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// Tells a source what to do with a message. Times are milliseconds from the request.
+/// An action of a source on a message. Times are milliseconds from the request.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SourceAction {
     Answers(u64),

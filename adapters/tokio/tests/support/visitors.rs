@@ -36,7 +36,7 @@ pub(crate) struct VisitedServer {
     pub(crate) until: Instant,
     /// The number of visitors that have not finished.
     pub(crate) busy: Cell<usize>,
-    /// The kind of addresses that are drawn.
+    /// The kind of all addresses: 0 is IPv4, 1 is IPv4 mapped to IPv6, and 2 is IPv6.
     family: u8,
 }
 
@@ -226,7 +226,7 @@ async fn recovered(
     let blamed = (0..WELL_BEHAVED).map(|number| here.address(0, number));
     let blamed = blamed.filter(|from| {
         let peer = format!("peer={}", std::net::SocketAddr::from((*from, 4711)));
-        // Two lines may come from the call above with a byte too many.
+        // The first client may have two lines: its request and its reply above had a byte too many.
         let lines = log.text().lines().filter(|line| line.contains(&peer)).count();
         lines > 2 * usize::from(*from == here.address(0, 0))
     });

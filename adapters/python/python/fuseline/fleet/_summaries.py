@@ -1,11 +1,11 @@
-"""Asks the rows of a fleet in SQL that duckdb, DataFusion and Spark all take.
+"""Summaries of a fleet's rows, in SQL that duckdb, DataFusion and Spark all take.
 
 The rows are a table or view ``verdicts``; ``FLATTEN`` makes a view ``outputs`` of it.
 """
 
 from __future__ import annotations
 
-#: Each engine's way to make a row of each output: the view ``outputs``.
+#: The statement by which each engine makes the view ``outputs``, with a row for each output.
 FLATTEN = {
     "duckdb": """
 CREATE OR REPLACE TEMP VIEW outputs AS

@@ -224,7 +224,7 @@ fn the_seeds_come_to_each_kind_of_ending() {
     }
 }
 
-/// Plays some new seeds if the variables that the module's documentation names are not set.
+/// Plays the seeds that the variables in the module's documentation select, or else five more.
 #[test]
 fn fresh_seeds() {
     let number = |name| env::var(name).ok().map(|text| text.parse::<u64>().expect("a number"));

@@ -107,7 +107,7 @@ impl TokenOwner {
         format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*/**")
     }
 
-    /// Returns the tokens of all that has this type.
+    /// Returns a key for the tokens of all topics and services with this type.
     pub(super) fn tokens_of_type(&self, type_name: &str) -> String {
         format!("@ros2_lv/{}/*/*/*/*/*/*/*/*/{type_name}/*/*/**", self.domain)
     }
@@ -139,7 +139,7 @@ pub(super) fn hash_of(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or_default()
 }
 
-/// Returns the identifiers of a token's owner.
+/// Returns the identifier of a token's owner.
 pub(crate) fn gid(token: &str) -> Gid {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }

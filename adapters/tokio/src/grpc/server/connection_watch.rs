@@ -143,7 +143,7 @@ impl ConnectionWatch {
             if remaining.is_zero() && (unread.is_some() || !calls) {
                 return why;
             }
-            // The counts that it waits for change without a wake-up, so it looks again soon enough for each.
+            // Calls and activity change without a wake-up, so it looks again soon enough for each bound.
             let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
             tokio::select! {
                 () = sleep(if remaining.is_zero() { soon } else { remaining.min(soon) }) => {}

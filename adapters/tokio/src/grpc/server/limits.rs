@@ -86,7 +86,7 @@ impl ServerLimits {
         Ok(ConnectionPermit { limits: Arc::clone(self), from })
     }
 
-    /// Takes room for this many more bytes, if there is room; whoever took it gives it back.
+    /// Takes room for this many more bytes, to be given back later. Returns `false` if there is no room.
     pub(crate) fn take(&self, bytes: usize) -> bool {
         let total = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
         let has_room = total <= self.bounds.held_bytes;

@@ -12,8 +12,8 @@ use crate::Error;
 use crate::grpc::remote::Identity;
 use crate::grpc::server::ServeError;
 
-/// Returns the acceptor of TLS connections with this identity, only from clients of this CA, if there is one; none without an
-/// identity.
+/// Returns an acceptor of TLS connections with this identity, or `None` without an identity. If there is a CA, it accepts
+/// only the CA's clients.
 ///
 /// # Errors
 /// Returns an error if there is a CA without an identity, or if the certificates or the key cannot be used.

@@ -38,7 +38,7 @@ pub(super) struct RunResult {
 /// Records what was seen of the node. Instants are nanoseconds of its clock.
 #[derive(Default, Debug)]
 pub(super) struct Log {
-    /// The instants at which each input came.
+    /// The instant at which each input came.
     pub(super) arrived_at: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,

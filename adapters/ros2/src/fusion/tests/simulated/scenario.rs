@@ -55,7 +55,7 @@ pub(super) enum Form {
     NotCdr,
 }
 
-/// A request's, and that of the results that it leads to.
+/// The delivery of a request, and of the results that it leads to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Delivery {
     /// The time that the request takes to its peer; it gets lost if not given.
@@ -204,7 +204,8 @@ impl fmt::Display for Scenario {
 }
 
 impl Delivery {
-    /// Makes a cloud that works. The greater its priority is, the later is its result.
+    /// Returns a delivery in which nothing goes wrong. The greater the peer's priority is, the later
+    /// is its result.
     pub(super) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
         let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };

@@ -242,7 +242,7 @@ impl Loss {
 }
 
 impl NewEntity {
-    /// Makes a participant that takes over by `take_over`. That returns what was replaced, to be closed later.
+    /// Makes an endpoint that takes over by `take_over`, which returns what it replaced, to be closed later.
     pub(crate) fn new<R>(take_over: impl FnOnce() -> R + Send + 'static) -> Self
     where
         R: Send + 'static,
@@ -253,8 +253,8 @@ impl NewEntity {
         })
     }
 
-    /// Makes a participant that takes over by `take_over`. That returns a future, which ends when what was replaced
-    /// may be closed.
+    /// Makes an endpoint that takes over by `take_over`, which returns a future. It ends when what was replaced may be
+    /// closed.
     pub(crate) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
     where
         F: Future<Output = ()> + Send + 'static,
@@ -263,12 +263,12 @@ impl NewEntity {
         Self { is_matched: Box::new(|| true), met: Box::new(|| Box::pin(ready(()))), take_over }
     }
 
-    /// Makes a participant that takes over only once `is_matched`.
+    /// Makes the endpoint take over only once `is_matched`.
     pub(crate) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_matched: Box::new(is_matched), ..self }
     }
 
-    /// The same, which its peers have met once the future ends that `met` returns.
+    /// Sets `met`, whose future ends once the peers have met the endpoint.
     pub(crate) fn met_by<F>(self, met: impl Fn() -> F + Send + 'static) -> Self
     where
         F: Future<Output = ()> + Send + 'static,
