@@ -54,8 +54,8 @@ pub enum Report<V, const CLOUDS: usize> {
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 
-/// Drives the machine forever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `report`
-/// with the instant at which it was decided. `held` has the values of the machine's held results; it starts empty.
+/// Drives the machine forever: takes what comes from `inbox`, ticks at each due instant, and reports everything to
+/// `report` with the instant at which it was decided. `held` has the values of the machine's held results; it starts empty.
 ///
 /// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then,
 /// and the next call with the same `fusion` and `held` goes on from there.

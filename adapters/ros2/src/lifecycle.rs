@@ -180,8 +180,8 @@ impl LifecycleState {
         TRANSITIONS.into_iter().filter(move |transition| transition.from == self)
     }
 
-    /// Returns the transition that is requested, by its label if there is one, else by its number; none if it does not begin
-    /// here.
+    /// Returns the requested transition and its task. The transition is found by its label if there is one, else by its
+    /// number; `None` if it does not begin here.
     pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
         let transition = self.transitions().find(|transition| {
             if label.is_empty() { transition.id == id } else { transition.label == label }

@@ -123,7 +123,7 @@ async fn configured(
     ended
 }
 
-/// Answers its services until it is to end.
+/// Waits until the finalized node is to end. Its services answer meanwhile.
 async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
     order.done(TransitionResult::Success);
     if !stop.is_requested() {

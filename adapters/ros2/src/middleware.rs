@@ -171,7 +171,8 @@ impl Graph {
         }
     }
 
-    /// Returns a service of the node's own, below its name. Over Zenoh it is served in `tasks`.
+    /// Serves a service of the node's own, below its name, and returns its requests. Over Zenoh it is
+    /// served in `tasks`.
     #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "they serve Zenoh"))]
     pub(crate) fn serve<Q, R>(
         &mut self,

@@ -148,7 +148,7 @@ struct JoinTask<S> {
     output: Outbox<Joined<S>>,
     tally: Arc<Mutex<JoinTally>>,
     timer: Pin<Box<Sleep>>,
-    /// The index of the input whose turn it is.
+    /// The index of the aligned input whose turn it is.
     turn: usize,
 }
 

@@ -83,7 +83,7 @@ class Drivers:
                 places.write(seq, Lineage("localization", seq, self._loop.time_ns()))
 
     async def tick(self, ticks: JoinInput[int]) -> int:
-        """Returns the number of ticks. Each has to be answered before the next one."""
+        """Sends the ticks, each to be answered before the next one. Returns their number."""
         tick_count = 0
         async for seq in self._at((FIRST_TICK + TICK * it) / 1000 for it in count()):
             ticks.write(seq, Lineage("control", seq, self._loop.time_ns(), within=0.04))

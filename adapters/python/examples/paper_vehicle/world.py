@@ -91,6 +91,6 @@ class Network:
 
 
 def _seconds(field: str) -> float | None:
-    """Reads milliseconds; an infinite or negative number is no round trip."""
+    """Returns the seconds of a field in ms; an infinite or negative one is no round trip."""
     ms = float(field)
     return in_steps(ms) if 0 <= ms < float("inf") else None

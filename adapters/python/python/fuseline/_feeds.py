@@ -22,7 +22,7 @@ _log = logging.getLogger("fuseline")
 
 #: After this many seconds a warning says that nobody reads the items, and messages wait.
 UNREAD_SECONDS = 5.0
-#: The remedy in the warning.
+#: The end of each message about it: the reason and the remedy.
 _UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
 

@@ -96,7 +96,7 @@ class Forecast:
     def _pairs(
         self, old: list[tuple[float, ...]], new: list[tuple[float, ...]]
     ) -> list[tuple[int, int]]:
-        """Matches boxes: the pairs that overlap most come first."""
+        """Returns which old box is which new one; the pairs that overlap most come first."""
         pairs = sorted(
             (
                 (overlap(one, other), i, j)

@@ -60,7 +60,8 @@ impl PyCounting {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }
 
-    /// Returns the longest that the loop was held up, in nanoseconds; 0 if it never was for longer than the warning allows.
+    /// Returns the longest time that the loop was held up, in nanoseconds, or 0 if it never was for
+    /// longer than the warning allows.
     #[getter]
     fn greatest_lag(&self) -> u64 {
         nanos(self.counting.tally().greatest_lag)

@@ -210,7 +210,8 @@ fn situation_of(py: Python<'_>, situation: &Situation<'_>) -> PyResult<Py<PyAny>
     PolicyClasses::get(py)?.situation.call1(py, (speed, reveal, ages))
 }
 
-/// Returns an object with the attributes of `Chosen`; a plain int is nanoseconds, since `ns` becomes one when reckoned with.
+/// Reads an object with the attributes of `Chosen`. A plain int is nanoseconds, because arithmetic
+/// with an `ns` makes one.
 fn chosen(object: &Bound<'_, PyAny>) -> PyResult<Chosen> {
     let py = object.py();
     let given = object.getattr(intern!(py, "deadline"))?;

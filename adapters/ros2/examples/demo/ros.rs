@@ -13,7 +13,7 @@ use tokio::time::timeout;
 
 use crate::messages::Any;
 
-/// The demo looks for a missing peer again after this time.
+/// A peer that is missing is looked for again after this time.
 const AGAIN: Duration = Duration::from_millis(200);
 
 /// A ROS node of this machine alone.

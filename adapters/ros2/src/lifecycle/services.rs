@@ -128,8 +128,8 @@ impl LifecycleServices {
         Some(PendingTransition { reply, done })
     }
 
-    /// Returns the state in which the current transition ends. After an error everything is closed, and the
-    /// node starts again.
+    /// Ends the current transition, and returns the state in which it ends. After an error everything is
+    /// closed, and the node starts again.
     fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
         let mut next = result;
         while let Some(transition) = state.ended(next) {

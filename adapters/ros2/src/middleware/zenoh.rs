@@ -69,7 +69,7 @@ pub(crate) struct SerializedPublisher {
     waiting: Arc<PublishBacklog>,
 }
 
-/// The messages that wait to be published.
+/// Counts the messages that wait to be published, and their bytes.
 #[derive(Default)]
 struct PublishBacklog {
     messages: AtomicUsize,

@@ -213,7 +213,7 @@ where
     }
 }
 
-/// Returns an error about a topic or service.
+/// Returns a function that makes an error about a topic or service.
 fn refusal(name: &str) -> impl Fn(&dyn std::fmt::Display) -> NodeError + use<> {
     let name = name.to_owned();
     move |error| NodeError::Ros(format!("{name}: {error}"))
