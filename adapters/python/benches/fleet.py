@@ -29,7 +29,7 @@ def alone(workers: int) -> Callable[[list[str]], int]:
 
 
 def on_ray(workers: int) -> Callable[[list[str]], int]:
-    """Ray on this machine, with this many workers."""
+    """Starts Ray on this host with `workers` workers. Returns what judges files with it."""
     import ray
     from fuseline.fleet import ray as engine
 
@@ -48,7 +48,7 @@ def on_ray(workers: int) -> Callable[[list[str]], int]:
 
 
 def on_spark(workers: int) -> Callable[[list[str]], int]:
-    """Spark on this machine, with this many workers."""
+    """Starts Spark on this host with `workers` workers. Returns what judges files with it."""
     from fuseline.fleet import spark as engine
     from pyspark.sql import SparkSession
 

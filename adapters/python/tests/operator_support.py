@@ -22,7 +22,7 @@ MS = 0.001
 
 
 def after(seconds: float) -> Handle:
-    """A cloud that answers this long after it was called."""
+    """Returns a cloud that answers `seconds` after it was called."""
 
     async def handle(request: Any, call: Call) -> Any:
         await asyncio.sleep(seconds)
@@ -60,7 +60,7 @@ def judged(path: Path, messages: int) -> None:
 
 
 def stubborn(seconds: float, count: list[int]) -> Handle:
-    """A cloud whose first calls go on for this long after they were cancelled."""
+    """Returns a cloud whose first calls go on for `seconds` after they were cancelled."""
 
     async def handle(request: Any, call: Call) -> Any:
         if call.timestamp >= count[0]:

@@ -33,7 +33,7 @@ use messages::{Any, CompressedImage, Header, PointStamped, Time};
 use ros::{Publisher, Subscription, is_over_zenoh, node_in, publisher, subscription};
 
 const DOMAIN: u16 = 88;
-/// A turn is this many messages by each way, the first of which are to warm up.
+/// A turn is `MESSAGES` messages by each way, of which the first `WARM_UP` do not count.
 const TURNS: usize = 6;
 const MESSAGES: usize = 150;
 const WARM_UP: usize = 30;

@@ -30,7 +30,7 @@ const RATE_HZ: u32 = 10;
 const IMAGE_BYTES: usize = 33_000;
 const LOCAL: Model = Model { name: "local", takes: Duration::from_millis(80) };
 const WEST: Model = Model { name: "west", takes: Duration::from_millis(30) };
-/// After this many seconds the cloud is killed, is started again, and all ends.
+/// The seconds after which the cloud is killed, is started again, and all ends.
 const DIES: u64 = 4;
 const RETURNS: u64 = 8;
 const ENDS: u64 = 14;

@@ -1,6 +1,6 @@
 // A peer in Fast DDS that takes commands: a line of its input is one, a line of its output an event.
 //
-//   writer TOPIC TYPE        publishes TOPIC, reliably           matched TOPIC N   this many peers are matched now
+//   writer TOPIC TYPE        publishes TOPIC, reliably           matched TOPIC N   N peers are matched now
 //   reader TOPIC TYPE        subscribes to TOPIC, reliably       heard TOPIC HEX   a payload came
 //   write TOPIC HEX          publishes these bytes
 //

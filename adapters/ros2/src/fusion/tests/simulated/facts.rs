@@ -65,7 +65,7 @@ pub(super) struct State {
     pub(super) peers: Vec<CloudStatus>,
 }
 
-/// States how a cloud stands.
+/// The state of a cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct CloudStatus {
     pub(super) is_enabled: bool,
