@@ -45,12 +45,12 @@ pub enum Report<V, const CLOUDS: usize> {
     Took(Option<Arrival>),
     /// Timers fired (F5). With the value to send, if a result is forwarded, which under progressive none is.
     Fired(Firing<CLOUDS>, Option<V>),
-    /// A message was opened or refused (F1).
+    /// A message was accepted or refused (F1).
     Opened(Timestamp, Opening),
     /// A request was admitted or refused (F2). If it is admitted, send it.
     Offered(Timestamp, Priority, Admission),
-    /// A result or a failure was accepted or dropped (F3, F4). If a result is forwarded, its value is here, to be
-    /// sent. Under progressive, better results may follow (F9).
+    /// The outcome of a result or a failure (F3, F4), with the value to send if a result is forwarded.
+    /// Under progressive, better results may follow (F9).
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 

@@ -34,7 +34,7 @@ class WorkerProcess:
         self._connection, self._process = self._start()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Computes; called by the thread whose process it is."""
+        """Computes a message in the process; only the thread that has it calls this."""
         with self._lock:
             if self._is_over:
                 raise RuntimeError("the operator has ended")
@@ -66,7 +66,7 @@ class WorkerProcess:
             ) from None
 
     def end(self) -> None:
-        """Ends it, at the latest a while after this, also in the midst of a computation."""
+        """Ends the process, at the latest `GRACE` seconds later, even while it computes."""
         with self._lock:
             self._is_over = True
             if not self._is_computing:

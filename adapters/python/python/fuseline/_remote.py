@@ -146,7 +146,7 @@ class PolicyConnection:
         return future
 
     def close(self) -> list[threading.Thread]:
-        """Ends it; a policy that is being connected is closed as soon as it is there.
+        """Ends the connection; a policy that is still being connected is closed once it is there.
 
         Closing may wait for the server, so a thread does that.
         """

@@ -44,7 +44,7 @@ class Manager:
         self.events.until_matched()
 
     def does(self, label):
-        """Returns whether the node made the transition, by the number of a transition or else by its label."""
+        """Requests a transition, by its number or else by its label. Returns whether the node made it."""
         way = Transition(BY_ID[label], "") if label in BY_ID else Transition(0, label)
         return self.changing.call(ChangeStateRequest(way)).success
 
