@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::Findings;
+use fuseline_traces::Verdict;
 use fuseline_traces::packed::{Packing, unpack_beside};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -122,7 +122,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
     for some in files.chunks(AT_ONCE * rayon::current_num_threads()) {
-        let judged: Vec<Result<Findings, Fault>> = some
+        let judged: Vec<Result<Verdict, Fault>> = some
             .par_iter()
             .with_max_len(1)
             .map(|file| judge_file(&args.how, file, &bars))
@@ -153,7 +153,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Judges a file that is read to its end.
-fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Findings, Fault> {
+fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Verdict, Fault> {
     let (name, file) = open(path)?;
     let bar = progress::bar(bars, path, &name);
     let trace = BufReader::with_capacity(CHUNK, bar.wrap_read(file));
@@ -206,7 +206,7 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
             continue;
         }
         for violation in judging.since(reported) {
-            bar.suspend(|| print_violation(&violation, &name, out)).map_err(Fault::Output)?;
+            bar.suspend(|| print_violation(violation, &name, out)).map_err(Fault::Output)?;
             reported += 1;
         }
     }

@@ -8,9 +8,9 @@ use std::io::{self, BufRead};
 use std::time::Duration;
 
 use fuseline_evaluation::duration::{ANY, duration};
-use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
+use fuseline_report::{JudgeMode, TraceJudge, TraceRange};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError, nanos};
+use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError, Verdict, nanos};
 use thiserror::Error;
 
 use crate::fault::Fault;
@@ -77,8 +77,8 @@ pub(crate) struct AcceptOption {
 }
 
 impl AcceptOption {
-    /// Returns the verdict with what is accepted.
-    pub(crate) fn accepted(&self, found: Findings) -> Findings {
+    /// The verdict with what is accepted.
+    pub(crate) fn accepted(&self, found: Verdict) -> Verdict {
         found.accepting(&self.accept)
     }
 }
@@ -90,11 +90,7 @@ fn doubt_kind(name: &str) -> Result<DoubtKind, String> {
 }
 
 /// Judges a trace to its end.
-pub(crate) fn judge(
-    how: &JudgeOptions,
-    name: &str,
-    trace: impl BufRead,
-) -> Result<Findings, Fault> {
+pub(crate) fn judge(how: &JudgeOptions, name: &str, trace: impl BufRead) -> Result<Verdict, Fault> {
     let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, &reader)?;
@@ -108,12 +104,9 @@ pub(crate) fn judge(
             judging.annotated_line(line, &event, annotations)
         },
     )?;
-    let mut found = how.accepted(finish(judging, end, cut));
+    let found = how.accepted(finish(judging, end, cut));
     notes.warn(&found);
-    if let Findings::Observed(verdict) = &mut found {
-        verdict.violations.sort_by_key(|violation| violation.line);
-    }
-    Ok(found)
+    Ok(found.sorted())
 }
 
 /// The next event of a trace.
@@ -199,8 +192,8 @@ impl JudgeOptions {
         }
     }
 
-    /// Returns the verdict with what is accepted.
-    pub(crate) fn accepted(&self, found: Findings) -> Findings {
+    /// The verdict with what is accepted.
+    pub(crate) fn accepted(&self, found: Verdict) -> Verdict {
         self.accept.accepted(found)
     }
 
@@ -333,7 +326,7 @@ fn time(text: &str) -> Result<Duration, String> {
 }
 
 /// Returns the verdict at that end; `cut` is the line that was cut short.
-pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Findings {
+pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Verdict {
     match end {
         TraceEnd::Whole => judging.finish(),
         TraceEnd::Ended => judging.finish_ended(),
@@ -343,12 +336,11 @@ pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Fi
 }
 
 /// Returns a verdict with the doubt that the trace was cut off, if it was.
-fn doubted((found, is_cut): (Findings, bool), cut: Option<u64>) -> Findings {
-    let VerdictSummary { lines, .. } = found.summary();
+fn doubted((found, is_cut): (Verdict, bool), cut: Option<u64>) -> Verdict {
     let what = match cut {
         Some(line) => format!("line {line} is cut short and was ignored"),
         None if is_cut => {
-            format!("the trace ends with line {lines}, before all that was decided then")
+            format!("the trace ends with line {}, before all that was decided then", found.lines)
         }
         None => return found,
     };

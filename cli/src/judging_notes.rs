@@ -1,7 +1,7 @@
 //! Notes about a trace besides its verdict, for the user who judges it.
 
-use fuseline_report::{Findings, JudgeMode};
-use fuseline_traces::{Decision, Event, Input};
+use fuseline_report::JudgeMode;
+use fuseline_traces::{Decision, Event, Input, Verdict};
 
 use crate::diagnostics::print_line;
 
@@ -27,10 +27,9 @@ impl JudgingNotes {
     }
 
     /// Warns of what makes the verdict worth little.
-    pub(crate) fn warn(&self, found: &Findings) {
-        let summary = found.summary();
-        let (file, requests) = (summary.file, self.requests);
-        if self.mode.is_none() && summary.violations > 0 && self.offers == 0 && requests > 0 {
+    pub(crate) fn warn(&self, found: &Verdict) {
+        let (file, requests) = (&found.file, self.requests);
+        if self.mode.is_none() && found.broken() > 0 && self.offers == 0 && requests > 0 {
             print_line(format_args!(
                 "note: {file}: it has requests but no offers, like a recording of several threads or hosts; judge it with \
                  --observed --tolerance TIME --lateness TIME"

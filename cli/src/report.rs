@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-use fuseline_report::{Findings, PageWriter, RunNotes};
+use fuseline_report::{PageWriter, RunNotes};
 use fuseline_traces::packed::unpack_beside;
-use fuseline_traces::{Event, Input};
+use fuseline_traces::{Event, Input, Verdict};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use thiserror::Error;
@@ -137,7 +137,7 @@ fn make(args: &Args, output: &Output, end: TraceEnd) -> Result<Exit, Fault> {
 pub(crate) fn of(
     trace: &Path,
     output: &Output,
-    doubted: impl FnOnce(Findings) -> Findings,
+    doubted: impl FnOnce(Verdict) -> Verdict,
 ) -> Result<(), Fault> {
     let mut page = PageWriter::default();
     let how = (&JudgeOptions::strictly(), TraceEnd::Whole);
@@ -171,8 +171,8 @@ fn read_file(
     page: &mut PageWriter,
     (options, end): (&JudgeOptions, TraceEnd),
     path: &Path,
-    doubted: impl FnOnce(Findings) -> Findings,
-) -> Result<Findings, Fault> {
+    doubted: impl FnOnce(Verdict) -> Verdict,
+) -> Result<Verdict, Fault> {
     let mode = options.mode()?;
     let (name, file) = open(path)?;
     let trace = unpack_beside(BufReader::new(watched(path, &name, file)))

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
-use fuseline_report::{AnyViolation, Findings, VerdictSummary};
+use fuseline_traces::{Verdict, Violation};
 use textwrap::Options;
 
 use crate::exit::Exit;
@@ -16,9 +16,8 @@ pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
 const DOUBT: Style = AnsiColor::Yellow.on_default().bold();
 
-pub(crate) fn exit(found: &Findings) -> Exit {
-    let summary = found.summary();
-    match (summary.conforms, summary.violations) {
+pub(crate) fn exit(found: &Verdict) -> Exit {
+    match (found.conforms, found.broken()) {
         (true, _) => Exit::Conforms,
         (false, 0) => Exit::Doubt,
         (false, _) => Exit::Differs,
@@ -27,7 +26,7 @@ pub(crate) fn exit(found: &Findings) -> Exit {
 
 /// Prints a verdict, without the first violations, which were printed before.
 pub(crate) fn print_report(
-    found: &Findings,
+    found: &Verdict,
     out: &mut impl Write,
     reported: usize,
     json: bool,
@@ -38,27 +37,25 @@ pub(crate) fn print_report(
     }
     print_summary(found, out)?;
     print_doubts(found, out)?;
-    let summary = found.summary();
-    let violations = found.violations();
-    for violation in violations.iter().skip(reported) {
-        print_violation(violation, summary.file, out)?;
+    for violation in found.violations.iter().skip(reported) {
+        print_violation(violation, &found.file, out)?;
     }
-    match summary.violations - violations.len() as u64 {
+    match found.more {
         0 => Ok(()),
         more => writeln!(out, "\n{} more not shown", count(more, "violation")),
     }
 }
 
 /// The verdict in a line.
-pub(crate) fn print_summary(found: &Findings, out: &mut impl Write) -> io::Result<()> {
-    let VerdictSummary { file, judged, lines, violations, doubts, .. } = found.summary();
+pub(crate) fn print_summary(found: &Verdict, out: &mut impl Write) -> io::Result<()> {
+    let Verdict { file, judged, lines, doubts, .. } = found;
     let style = match exit(found) {
         Exit::Conforms => GOOD,
         Exit::Doubt => DOUBT,
         Exit::Differs | Exit::BadInput => BAD,
     };
     let word = found.in_short();
-    let broken = match violations {
+    let broken = match found.broken() {
         0 => String::new(),
         violations => format!(" ({})", count(violations, "violation")),
     };
@@ -66,17 +63,16 @@ pub(crate) fn print_summary(found: &Findings, out: &mut impl Write) -> io::Resul
     let open: Vec<_> = open.iter().map(|it| format!("{} {}", it.count, it.kind)).collect();
     let in_doubt =
         if open.is_empty() { String::new() } else { format!("; in doubt: {}", open.join(", ")) };
-    let (judged, lines) = (count(judged, "timestamp"), count(lines, "line"));
+    let (judged, lines) = (count(*judged, "timestamp"), count(*lines, "line"));
     writeln!(out, "{file}: {style}{word}{style:#}{broken}, {judged} judged in {lines}{in_doubt}")
 }
 
 /// The likely cause of the violations, and what is in doubt, a line each.
-pub(crate) fn print_doubts(found: &Findings, out: &mut impl Write) -> io::Result<()> {
-    let VerdictSummary { doubts, cause, .. } = found.summary();
-    if let Some(cause) = cause {
+pub(crate) fn print_doubts(found: &Verdict, out: &mut impl Write) -> io::Result<()> {
+    if let Some(cause) = &found.cause {
         writeln!(out, "  likely    {cause}")?;
     }
-    for doubt in doubts {
+    for doubt in &found.doubts {
         let lead = if doubt.accepted { "accepted" } else { "in doubt" };
         writeln!(out, "  {lead}  {doubt}")?;
     }
@@ -95,20 +91,20 @@ pub(crate) fn plain(
 
 /// A few lines, the first with the file.
 pub(crate) fn print_violation(
-    violation: &AnyViolation<'_>,
+    violation: &Violation,
     file: &str,
     out: &mut impl Write,
 ) -> io::Result<()> {
-    let AnyViolation { line, t, rule: (id, sentence), found, expected, late, story } = *violation;
+    let Violation { line, t, rule, found, expected, late, story } = violation;
     let t = t.map_or_else(String::new, |t| format!("timestamp {t} "));
-    writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {id}{BAD:#}")?;
+    writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {rule}{BAD:#}")?;
     let options =
         Options::new(WIDTH).initial_indent("  rule      ").subsequent_indent("            ");
-    writeln!(out, "{}", textwrap::fill(sentence, options))?;
+    writeln!(out, "{}", textwrap::fill(rule.sentence(), options))?;
     writeln!(out, "  found     {found}")?;
     writeln!(out, "  expected  {expected}")?;
     if let Some(late) = late {
-        let late = humantime::format_duration(Duration::from_nanos(late));
+        let late = humantime::format_duration(Duration::from_nanos(*late));
         writeln!(out, "  late by   {late}")?;
     }
     for (i, line) in story.iter().enumerate() {

@@ -4,8 +4,8 @@
 use std::fmt::Write as _;
 
 use fuseline_testkit::Rng;
-use fuseline_traces::observed::{BrokenRule, Judge, Slack, Verdict};
-use fuseline_traces::{Events, Rule};
+use fuseline_traces::observed::{Judge, Slack};
+use fuseline_traces::{Events, Rule, Verdict};
 
 const HEADER: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9}]}"#;
 const SLACK: Slack = Slack { tolerance: ms(1), lateness: ms(5) };
@@ -108,10 +108,10 @@ fn what_no_strict_trace_shows_is_found_at_its_message() {
             "{seed}: {verdict:?}\n{honest}"
         );
         for (fault, rule) in [
-            (OperatorFault::StopsOpening, Some(BrokenRule::J1)),
-            (OperatorFault::SendsAnothersValue, Some(BrokenRule::Rule(Rule::D2))),
-            (OperatorFault::SendsEachAttempt, Some(BrokenRule::Rule(Rule::P1))),
-            (OperatorFault::MissesItsDeadline, Some(BrokenRule::J2)),
+            (OperatorFault::StopsOpening, Some(Rule::J1)),
+            (OperatorFault::SendsAnothersValue, Some(Rule::D2)),
+            (OperatorFault::SendsEachAttempt, Some(Rule::P1)),
+            (OperatorFault::MissesItsDeadline, Some(Rule::J2)),
             // The rule depends on what came before: prompt, best available, or local floor.
             (OperatorFault::Hangs, None),
         ] {

@@ -2,14 +2,11 @@
 //!
 //! [`Judge`] applies each input to a reference machine whose sets are bits, and compares the recorded decisions with the demanded ones. The lines of a concurrent implementation have no single order; [`observed`](crate::observed) judges their traces.
 
-use std::fmt;
 use std::io::BufRead;
-
-use serde::Serialize;
 
 use crate::annotations::{Annotations, HeaderAnnotations, ValueKeys, allowed_values, meant_value};
 use crate::compact::CompactReference;
-use crate::doubt::{self, Doubt, DoubtKind, DoubtfulMessages};
+use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
@@ -17,11 +14,7 @@ use crate::recent::RecentLines;
 use crate::reference::ExpectedDecisions;
 use crate::rule::Rule;
 use crate::values::HeldValues;
-
-/// The number of violations that a verdict lists. It counts the others.
-const VIOLATIONS: usize = 100;
-/// The greatest number of other violations whose places a verdict stores.
-pub(crate) const PLACES: usize = 1 << 20;
+use crate::verdict::{Verdict, Violation, ViolationPlace};
 
 /// Judges one trace, line by line.
 ///
@@ -51,60 +44,6 @@ pub struct Judge {
     verdict: Verdict,
 }
 
-/// The judge's verdict on one trace.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub struct Verdict {
-    /// The name that the trace was given.
-    pub file: String,
-    /// `true` if every decision is the one that the rules demand, and every doubt is accepted.
-    pub conforms: bool,
-    /// The number of judged timestamps: those that were opened and have a result, a failure, an emit or a
-    /// miss.
-    pub judged: u64,
-    /// The number of lines in the trace, with the header.
-    pub lines: u64,
-    /// The doubts that are left.
-    pub doubts: Vec<Doubt>,
-    /// The violations, up to 100.
-    pub violations: Vec<Violation>,
-    /// The number of further violations.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub more: u64,
-    /// The places of the further violations, if they were wanted; see [`Judge::with_places`].
-    #[serde(skip)]
-    pub places: Vec<ViolationPlace<Rule>>,
-}
-
-/// The place of a violation, without its details.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct ViolationPlace<R> {
-    /// The line of the [`Violation`].
-    pub line: u64,
-    /// The timestamp that it is about.
-    pub t: Option<u64>,
-    /// The rule that is broken.
-    pub rule: R,
-}
-
-/// A decision that is not the one that the rules demand.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub struct Violation {
-    /// The line, counted from 1. If a decision is missing, it is the line after which the decision should
-    /// stand.
-    pub line: u64,
-    /// The timestamp that it is about.
-    pub t: Option<u64>,
-    /// The rule that is broken.
-    pub rule: Rule,
-    /// The line that was found, or a note that there is none.
-    pub found: String,
-    /// The line that the rules demand, or a note that there is none.
-    pub expected: String,
-    /// The last lines about the timestamp, with their numbers.
-    #[serde(skip)]
-    pub story: Vec<String>,
-}
-
 /// Judges a whole trace. `file` names it in the verdict and in errors.
 ///
 /// # Errors
@@ -123,7 +62,6 @@ impl Judge {
     /// Creates a judge of a trace with this header, its first line. `file` names the trace in the verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
-        let file = file.into();
         Self {
             reference: CompactReference::new(header),
             demands: ExpectedDecisions::new(),
@@ -135,16 +73,7 @@ impl Judge {
             recent: RecentLines::default(),
             keeps_places: false,
             answered: None,
-            verdict: Verdict {
-                file,
-                conforms: true,
-                judged: 0,
-                lines: 1,
-                doubts: Vec::new(),
-                violations: Vec::new(),
-                more: 0,
-                places: Vec::new(),
-            },
+            verdict: Verdict::new(file.into()),
         }
     }
 
@@ -323,19 +252,13 @@ impl Judge {
     /// Reports a violation at the last line, with what was found and what was expected.
     fn violate(&mut self, t: Option<u64>, rule: Rule, reported: impl FnOnce() -> (String, String)) {
         self.differs = true;
-        self.verdict.conforms = false;
         let line = self.verdict.lines;
-        if self.verdict.violations.len() == VIOLATIONS {
-            self.verdict.more += 1;
-            if self.keeps_places && self.verdict.places.len() < PLACES {
-                self.verdict.places.push(ViolationPlace { line, t, rule });
-            }
-            return;
-        }
-        let (found, expected) = reported();
-        let cause = self.input.map(|(line, _)| line);
-        let story = t.map_or_else(Vec::new, |t| self.recent.story(t, cause));
-        self.verdict.violations.push(Violation { line, t, rule, found, expected, story });
+        self.verdict.count(ViolationPlace { line, t, rule }, self.keeps_places, || {
+            let (found, expected) = reported();
+            let cause = self.input.map(|(line, _)| line);
+            let story = t.map_or_else(Vec::new, |t| self.recent.story(t, cause));
+            Violation { line, t, rule, found, expected, late: None, story }
+        });
     }
 
     /// Returns the timestamp that a difference is about, and the rule that it breaks.
@@ -410,69 +333,4 @@ impl Judge {
                 Event::Input(_) => false,
             })
     }
-}
-
-impl Verdict {
-    /// Accepts these kinds of doubt.
-    #[must_use]
-    pub fn accepting(mut self, kinds: &[DoubtKind]) -> Self {
-        self.conforms =
-            doubt::accept(&mut self.doubts, kinds) && self.violations.is_empty() && self.more == 0;
-        self
-    }
-
-    /// Describes the verdict in a few words, such as *conforms*.
-    #[must_use]
-    pub fn in_short(&self) -> String {
-        doubt::in_short(self.violations.len() as u64 + self.more, &self.doubts)
-    }
-}
-
-impl<R: Copy> ViolationPlace<R> {
-    /// Converts the rule.
-    pub fn map<S>(&self, rule: impl FnOnce(R) -> S) -> ViolationPlace<S> {
-        let Self { line, t, rule: broken } = *self;
-        ViolationPlace { line, t, rule: rule(broken) }
-    }
-}
-
-impl fmt::Display for Verdict {
-    /// Writes the verdict in one line, then each violation in a few.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { file, judged, lines, .. } = self;
-        let word = self.in_short();
-        write!(f, "{file}: {word}; {judged} timestamps judged in {lines} lines")?;
-        for doubt in &self.doubts {
-            write!(f, "\n  {doubt}")?;
-        }
-        for violation in &self.violations {
-            write!(f, "\n{file}:{violation}")?;
-        }
-        if self.more > 0 {
-            write!(f, "\n{} more violations", self.more)?;
-        }
-        Ok(())
-    }
-}
-
-impl fmt::Display for Violation {
-    /// Writes the line, the violation and the story, without the file.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { line, rule, found, expected, .. } = self;
-        write!(f, "{line}: ")?;
-        if let Some(t) = self.t {
-            write!(f, "timestamp {t} ")?;
-        }
-        write!(f, "breaks {rule}: {}", rule.sentence())?;
-        write!(f, "\n  found    {found}\n  expected {expected}")?;
-        for line in &self.story {
-            write!(f, "\n  | {line}")?;
-        }
-        Ok(())
-    }
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
-const fn is_zero(number: &u64) -> bool {
-    *number == 0
 }

@@ -13,7 +13,6 @@ mod open;
 mod progressive;
 mod slack;
 mod story;
-mod verdict;
 mod violation;
 mod window;
 
@@ -23,7 +22,6 @@ use crate::parse::{Form, LineAnnotations, ParseError, parse_as};
 pub use judge::{Judge, JudgeError, TimeOrderError, judge};
 pub use slack::{Slack, SourceSlack};
 pub use story::{AllowedOutput, MessageHistory};
-pub use verdict::{BrokenRule, Verdict, Violation};
 
 /// Reads one line of an observed trace, given without its `\n`.
 ///

@@ -33,10 +33,28 @@ pub enum Rule {
     D2,
     /// Meant for its message.
     D18,
+    /// Never late.
+    P2,
+    /// Best available.
+    P3,
+    /// Prompt.
+    P4,
+    /// Local floor.
+    P5,
+    /// Free without cloud.
+    P6,
+    /// No stall.
+    P7,
+    /// Bounded.
+    P9,
+    /// No gap between opens.
+    J1,
+    /// In time for the message.
+    J2,
 }
 
 impl Rule {
-    /// All rules that a violation can name.
+    /// All rules that a violation of a strict trace can name. Those of an observed trace can name the others too.
     pub const ALL: [Self; 13] = [
         Self::F0,
         Self::F1,
@@ -54,19 +72,10 @@ impl Rule {
     ];
 
     /// The rules that concern an input and its decisions, whatever values come with them.
-    pub const OF_DECISIONS: [Self; 11] = [
-        Self::F0,
-        Self::F1,
-        Self::F2,
-        Self::F2g,
-        Self::F3,
-        Self::F4,
-        Self::F5,
-        Self::F6,
-        Self::F7,
-        Self::F9,
-        Self::P1,
-    ];
+    pub const OF_DECISIONS: [Self; 11] = match Self::ALL.first_chunk() {
+        Some(rules) => *rules,
+        None => unreachable!(),
+    };
 
     /// Returns the identifier in SPEC.md.
     #[must_use]
@@ -85,10 +94,19 @@ impl Rule {
             Self::P1 => "P1",
             Self::D2 => "D2",
             Self::D18 => "D18",
+            Self::P2 => "P2",
+            Self::P3 => "P3",
+            Self::P4 => "P4",
+            Self::P5 => "P5",
+            Self::P6 => "P6",
+            Self::P7 => "P7",
+            Self::P9 => "P9",
+            Self::J1 => "J1",
+            Self::J2 => "J2",
         }
     }
 
-    /// Returns the rule with this identifier of SPEC.md.
+    /// Returns the one of [`ALL`](Self::ALL) with this identifier of SPEC.md.
     #[must_use]
     pub fn named(id: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|rule| rule.id() == id)
@@ -153,6 +171,36 @@ impl Rule {
             Self::D18 => {
                 "An item bears a value that is meant for its timestamp, if the value says for which \
                  one it is meant."
+            }
+            Self::P2 => "A forwarded result arrived before its due instant, if it had one.",
+            Self::P3 => {
+                "A forwarded result outranks every other available result for its timestamp; under \
+                 progressive the last one outranks every other that came in time."
+            }
+            Self::P4 => {
+                "While anything is held, something pending outranks all of it; under progressive \
+                 each better result is forwarded the moment it arrives."
+            }
+            Self::P5 => {
+                "Once local's result was accepted, its timestamp is forwarded, at once or by the \
+                 latest due instant ever armed for it; under progressive at once."
+            }
+            Self::P6 => {
+                "With no request admitted for its timestamp, local's accepted result is forwarded \
+                 the moment it arrives."
+            }
+            Self::P7 => {
+                "An open timestamp waits for local or has an armed timer. One opened with a deadline \
+                 is retired by the latest due instant ever armed for it."
+            }
+            Self::P9 => "At most `window` timestamps are open.",
+            Self::J1 => {
+                "Two opens, one after the other in time, are at most a period, the lateness and twice \
+                 the tolerance apart, and so are the last one and the end of the trace."
+            }
+            Self::J2 => {
+                "A message opened with a deadline of its own has its output by then, the lateness \
+                 and twice the tolerance aside."
             }
         }
     }

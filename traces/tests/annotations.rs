@@ -3,7 +3,7 @@
 use std::fs;
 use std::sync::Arc;
 
-use fuseline_traces::observed::{self, BrokenRule, Slack};
+use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
     Annotations, Cloud, Commit, Decision, Event, Events, Header, HeaderAnnotations, Input, Origin,
     ReadError, Recorder, Recording, Rule, judge,
@@ -229,7 +229,7 @@ fn a_value_of_another_message_is_reported_as_that() {
     let slack = Slack { tolerance: 1, lateness: 2 };
     let verdict = observed::judge("a.jsonl", slack, trace.join("\n").as_bytes()).unwrap();
     let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
-    assert_eq!((violation.rule, violation.line), (BrokenRule::Rule(Rule::D2), 4));
+    assert_eq!((violation.rule, violation.line), (Rule::D2, 4));
     assert_eq!(violation.expected, "a value of timestamp 3 to 5");
     assert_eq!(violation.found, r#"{"ev":"emit","at":9,"t":5,"p":1,"of":1}"#);
 }
@@ -238,7 +238,7 @@ fn a_value_of_another_message_is_reported_as_that() {
 #[test]
 fn a_value_is_none_of_a_result_that_came_by_then() {
     let slack = Slack { tolerance: 1, lateness: 2 };
-    for (came, rule) in [(11, BrokenRule::Rule(Rule::D2)), (12, BrokenRule::P3)] {
+    for (came, rule) in [(11, Rule::D2), (12, Rule::P3)] {
         let trace = [
             r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":2}]}"#.to_owned(),
             r#"{"ev":"open","at":0,"t":5}"#.to_owned(),
@@ -275,7 +275,7 @@ fn action_of_a_later_tick_breaks_d18() {
     let slack = Slack { tolerance: 1, lateness: 2 };
     let verdict = observed::judge("a.jsonl", slack, observed.join("\n").as_bytes()).unwrap();
     let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
-    assert_eq!((violation.rule, violation.line), (BrokenRule::Rule(Rule::D18), 4));
+    assert_eq!((violation.rule, violation.line), (Rule::D18, 4));
     assert_eq!(violation.expected, "a value that is meant for timestamp 5");
 }
 
@@ -319,7 +319,7 @@ fn j2_says_by_how_much_an_output_is_late() {
     let slack = Slack { tolerance: 1, lateness: 2 };
     let verdict = observed::judge("a.jsonl", slack, trace.join("\n").as_bytes()).unwrap();
     let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
-    assert_eq!((violation.rule, violation.late), (BrokenRule::J2, Some(7)));
+    assert_eq!((violation.rule, violation.late), (Rule::J2, Some(7)));
     assert_eq!(violation.expected, "an output at 134 at the latest: the message's own deadline");
 }
 

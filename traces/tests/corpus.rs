@@ -98,18 +98,10 @@ fn doubts_are_those_of_their_sidecars() {
 
 /// Returns the doubts with their counts, and whether the trace conforms, without and with accepting them.
 fn doubts(options: &Options, trace: &[u8]) -> (BTreeMap<String, u64>, (bool, bool)) {
-    let (doubts, conforms) = match judged(options, trace) {
-        JudgedTrace::Strict(verdict) => (
-            verdict.doubts.clone(),
-            (verdict.conforms, verdict.accepting(&DoubtKind::ALL).conforms),
-        ),
-        JudgedTrace::Observed(verdict) => (
-            verdict.doubts.clone(),
-            (verdict.conforms, verdict.accepting(&DoubtKind::ALL).conforms),
-        ),
-    };
-    let counts = doubts.iter().map(|doubt| (doubt.kind.as_str().to_owned(), doubt.count));
-    (counts.collect(), conforms)
+    let verdict = judged(options, trace);
+    let counts = verdict.doubts.iter().map(|doubt| (doubt.kind.as_str().to_owned(), doubt.count));
+    let (counts, conforms) = (counts.collect(), verdict.conforms);
+    (counts, (conforms, verdict.accepting(&DoubtKind::ALL).conforms))
 }
 
 #[test]
@@ -218,23 +210,10 @@ fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
 /// The numbers of judged and of unfinished timestamps, and the violations.
 type FoundByOption = (u64, u64, Vec<(String, u64)>);
 
-/// The verdict of either judge.
-enum JudgedTrace {
-    Strict(Verdict),
-    Observed(observed::Verdict),
-}
-
 fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
-    match judged(options, trace) {
-        JudgedTrace::Strict(verdict) => {
-            let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
-            (verdict.judged, unfinished(&verdict.doubts), found.collect())
-        }
-        JudgedTrace::Observed(verdict) => {
-            let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
-            (verdict.judged, unfinished(&verdict.doubts), found.collect())
-        }
-    }
+    let verdict = judged(options, trace);
+    let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
+    (verdict.judged, unfinished(&verdict.doubts), found.collect())
 }
 
 fn unfinished(doubts: &[Doubt]) -> u64 {
@@ -242,7 +221,7 @@ fn unfinished(doubts: &[Doubt]) -> u64 {
     of_kind.next().map_or(0, |doubt| doubt.count)
 }
 
-fn judged(options: &Options, trace: &[u8]) -> JudgedTrace {
+fn judged(options: &Options, trace: &[u8]) -> Verdict {
     let Some(slack) = &options.observed else {
         assert_eq!(options.period, None, "a period is of observed traces");
         let mut reader = Events::new("trace", trace).expect("it has a header");
@@ -251,8 +230,7 @@ fn judged(options: &Options, trace: &[u8]) -> JudgedTrace {
         while let Some(event) = reader.next_event().expect("it is well formed") {
             judge.annotated_line(reader.line(), &event, reader.annotations());
         }
-        let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
-        return JudgedTrace::Strict(verdict);
+        return if options.ended { judge.finish_ended() } else { judge.finish() };
     };
     let tolerances = &slack.tolerances;
     let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
@@ -269,7 +247,7 @@ fn judged(options: &Options, trace: &[u8]) -> JudgedTrace {
         let line = judge.annotated_line(reader.line(), &event, reader.annotations());
         line.expect("it is in order");
     }
-    JudgedTrace::Observed(if options.ended { judge.finish_ended() } else { judge.finish() })
+    if options.ended { judge.finish_ended() } else { judge.finish() }
 }
 
 #[test]

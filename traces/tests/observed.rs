@@ -4,8 +4,8 @@
 use std::fmt::Write;
 
 use fuseline_traces::corpus;
-use fuseline_traces::observed::{BrokenRule, Judge, JudgeError, Slack, Verdict, judge};
-use fuseline_traces::{DoubtKind, Events};
+use fuseline_traces::observed::{Judge, JudgeError, Slack, judge};
+use fuseline_traces::{DoubtKind, Events, Rule, Verdict, Violation};
 use serde_json::json;
 
 const EXACT: Slack = Slack { tolerance: 0, lateness: 0 };
@@ -47,9 +47,7 @@ fn verdict(slack: Slack, events: &[&str]) -> Verdict {
 fn broken(slack: Slack, events: &[&str]) -> Vec<(u64, String, Option<u64>)> {
     let verdict = verdict(slack, events);
     assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.doubts.is_empty());
-    let reported = |found: fuseline_traces::observed::Violation| {
-        (found.line, found.rule.to_string(), found.late)
-    };
+    let reported = |found: Violation| (found.line, found.rule.to_string(), found.late);
     verdict.violations.into_iter().map(reported).collect()
 }
 
@@ -242,7 +240,7 @@ fn j1_gaps_between_opens_and_at_the_end_are_reported() {
     // At most 100 + 5 + 2 · 2 apart.
     let period = |events: &[&str]| {
         let verdict = read(LOOSE, Some(100), events).finish();
-        let reported = verdict.violations.iter().filter(|it| it.rule == BrokenRule::J1);
+        let reported = verdict.violations.iter().filter(|it| it.rule == Rule::J1);
         reported.map(|it| (it.line, it.t, it.late)).collect::<Vec<_>>()
     };
     assert_eq!(period(&["open 50 1", "open 159 2"]), []);

@@ -2,12 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fuseline_traces::observed::{
-    BrokenRule, Judge, MessageHistory, Slack, SourceSlack, TimeOrderError, Verdict, Violation,
-};
+use fuseline_traces::observed::{Judge, MessageHistory, Slack, SourceSlack, TimeOrderError};
 use fuseline_traces::{
     Annotations, Cloud, Commit, Decision, DoubtKind, DropReason, Event, Header, HeaderAnnotations,
-    Input, OpenRefusal, Reference, Rule, ValueKeys,
+    Input, OpenRefusal, Reference, Rule, ValueKeys, Verdict, Violation,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -96,15 +94,14 @@ fn the_traces_break_the_rules_of_further_keys_too() {
         let verdict = judged(&terms, &events).expect("it is in order");
         broken.extend(verdict.violations.iter().map(|found| found.rule));
     }
-    let machine = [Rule::D2, Rule::D18, Rule::F2].map(BrokenRule::Rule);
-    for rule in machine.into_iter().chain([BrokenRule::J2, BrokenRule::P7]) {
+    for rule in [Rule::D2, Rule::D18, Rule::F2, Rule::J2, Rule::P7] {
         assert!(broken.contains(&rule), "{rule} in {broken:?}");
     }
 }
 
 /// Returns the timestamps that do not conform by themselves, apart from gaps and the window.
 fn broken(verdict: &Verdict) -> BTreeSet<u64> {
-    let alone = |found: &&Violation| !matches!(found.rule, BrokenRule::J1 | BrokenRule::P9);
+    let alone = |found: &&Violation| !matches!(found.rule, Rule::J1 | Rule::P9);
     let broken = verdict.violations.iter().filter(alone);
     broken.filter_map(|found| found.t).collect()
 }
@@ -569,7 +566,7 @@ proptest! {
     fn gaps_are_those_that_a_look_at_all_opens_finds((terms, events) in traces(), period in 0..60_u64) {
         let judge = read(&terms, Some(period), &events).expect("it is in order");
         let verdict = judge.finish();
-        let found = verdict.violations.iter().filter(|found| found.rule == BrokenRule::J1).count();
+        let found = verdict.violations.iter().filter(|found| found.rule == Rule::J1).count();
         let most = period + terms.own.lateness + 2 * terms.own.tolerance;
         prop_assert_eq!(found, gaps(most, &terms, &events), "{:#?}", events);
         let others = naive(&terms, terms.end(&events), &events);
@@ -580,7 +577,7 @@ proptest! {
     #[test]
     fn crowded_opens_are_those_among_all_outputs((terms, events) in traces()) {
         let verdict = judged(&terms, &events).expect("it is in order");
-        let found = verdict.violations.iter().filter(|found| found.rule == BrokenRule::P9);
+        let found = verdict.violations.iter().filter(|found| found.rule == Rule::P9);
         let found: BTreeSet<u64> = found.filter_map(|found| found.t).collect();
         // A timestamp that is opened twice may be found at either open.
         let mut by_t: BTreeMap<u64, (usize, usize)> = BTreeMap::new();

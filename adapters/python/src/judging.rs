@@ -3,10 +3,10 @@
 use std::io::BufRead;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
-use fuseline_traces::observed::{self, Slack};
+use fuseline_report::{JudgeMode, PageWriter, TraceJudge};
+use fuseline_traces::observed::Slack;
 use fuseline_traces::{
-    Annotations, Cloud, Decision, Doubt, Event, Events, Header, HeldValues, Input, Origin, Verdict,
+    Annotations, Cloud, Decision, Event, Events, Header, HeldValues, Input, Origin, Verdict, Violation,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -82,7 +82,7 @@ pub(crate) fn judged(
     name: &str,
     trace: impl BufRead,
     mut each: impl FnMut(&Header, &Event),
-) -> PyResult<(Header, Findings)> {
+) -> PyResult<(Header, Verdict)> {
     let mode = mode(slack);
     let mut reader = reader(mode, name, trace)?;
     let mut judging = TraceJudge::new(mode, name, reader.header())
@@ -171,54 +171,14 @@ fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<
 }
 
 /// Returns a verdict in the form that the package takes.
-pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
-    match findings {
-        Findings::Strict(verdict) => strict(verdict),
-        Findings::Observed(verdict) => observed(verdict),
-    }
-}
-
-fn doubts(doubts: Vec<Doubt>) -> Vec<DoubtFields> {
-    let fields = |it: Doubt| (it.kind.as_str(), it.count, it.found, it.t);
-    doubts.into_iter().map(fields).collect()
-}
-
-fn strict(verdict: Verdict) -> VerdictFields {
-    let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let doubts = doubts(verdict.doubts);
-    let violations = violations.into_iter().map(|violation| {
-        let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
-        (
-            violation.line,
-            violation.t,
-            rule,
-            sentence,
-            violation.found,
-            violation.expected,
-            None,
-            violation.story,
-        )
+pub(crate) fn verdict_fields(verdict: Verdict) -> VerdictFields {
+    let Verdict { file, conforms, judged, lines, doubts, cause, violations, more, .. } = verdict;
+    let doubts = doubts.into_iter().map(|it| (it.kind.as_str(), it.count, it.found, it.t));
+    let violations = violations.into_iter().map(|it| {
+        let Violation { line, t, rule, found, expected, late, story } = it;
+        (line, t, rule.id(), rule.sentence(), found, expected, late, story)
     });
-    (file, conforms, judged, lines, violations.collect(), more, doubts, None)
-}
-
-fn observed(verdict: observed::Verdict) -> VerdictFields {
-    let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let (doubts, cause) = (doubts(verdict.doubts), verdict.cause);
-    let violations = violations.into_iter().map(|violation| {
-        let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
-        (
-            violation.line,
-            t,
-            rule,
-            sentence,
-            violation.found,
-            violation.expected,
-            violation.late,
-            violation.story,
-        )
-    });
-    (file, conforms, judged, lines, violations.collect(), more, doubts, cause)
+    (file, conforms, judged, lines, violations.collect(), more, doubts.collect(), cause)
 }
 
 /// Returns the whole trace: the inputs as they stand, and the machine's decisions.

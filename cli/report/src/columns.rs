@@ -8,13 +8,14 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use fuseline_traces::{
-    Annotations, Decision, Doubt, Event, Header, Input, Origin, ViolationPlace, nanos,
+    Annotations, Decision, Doubt, Event, Header, Input, Origin, Verdict, Violation, ViolationPlace,
+    nanos,
 };
 use serde::Serialize;
 use serde::ser::Serializer;
 
 use crate::deadlines::RequestDeadlines;
-use crate::judging::{AnyViolation, Findings, JudgeMode};
+use crate::judging::JudgeMode;
 use crate::notes::RunNotes;
 use crate::quantile::Quantile;
 use crate::reasons;
@@ -144,9 +145,6 @@ struct ViolationPlaces {
     t: Vec<usize>,
 }
 
-/// A violation's place, with its rule's identifier and sentence.
-type RulePlace = ViolationPlace<(&'static str, &'static str)>;
-
 /// The sums over the trace. The page itself counts nothing.
 #[derive(Serialize)]
 struct Sums {
@@ -271,7 +269,7 @@ impl TraceColumns {
         &self,
         header: &Header,
         mode: JudgeMode,
-        verdict: &Findings,
+        verdict: &Verdict,
     ) -> PageTrace {
         let events = || self.events.iter().map(|(_, event)| event);
         let mut timestamps: Vec<u64> = events().filter_map(Event::t).collect();
@@ -279,22 +277,21 @@ impl TraceColumns {
         timestamps.dedup();
         let place = |t: u64| timestamps.binary_search(&t).ok();
         let origin = events().map(instant).min().unwrap_or_default();
-        let summary = verdict.summary();
         let mut page_trace = PageTrace {
-            file: summary.file.to_owned(),
+            file: verdict.file.clone(),
             operator: header.operator.clone(),
             window: header.window,
             commit: header.commit.as_str(),
             observed: mode.map(|slack| [slack.tolerance, slack.lateness]),
             sources: self.named(header),
-            conforms: summary.conforms,
-            judged: summary.judged,
-            doubts: summary.doubts.to_vec(),
-            cause: summary.cause.map(str::to_owned),
-            lines: summary.lines,
-            places: ViolationPlaces::new(self.marked(&verdict.places()), place),
+            conforms: verdict.conforms,
+            judged: verdict.judged,
+            doubts: verdict.doubts.clone(),
+            cause: verdict.cause.clone(),
+            lines: verdict.lines,
+            places: ViolationPlaces::new(self.marked(&verdict.places), place),
             violations: verdict
-                .violations()
+                .violations
                 .iter()
                 .map(|violation| ViolationRow::new(violation, place))
                 .collect(),
@@ -321,7 +318,7 @@ impl TraceColumns {
             }),
             capped: (self.left_out > 0).then(|| CappedSums {
                 events: self.len() as u64 + self.left_out,
-                violations: summary.violations,
+                violations: verdict.broken(),
             }),
         };
         let (mut at, mut t) = (origin, 0);
@@ -341,7 +338,7 @@ impl TraceColumns {
     }
 
     /// Returns the violations that are marked beside those listed.
-    fn marked<'a>(&self, places: &'a [RulePlace]) -> &'a [RulePlace] {
+    fn marked<'a>(&self, places: &'a [ViolationPlace]) -> &'a [ViolationPlace] {
         let most = if self.left_out > 0 { MARKS } else { usize::MAX };
         &places[..places.len().min(most)]
     }
@@ -404,13 +401,14 @@ impl TraceColumns {
 }
 
 impl ViolationPlaces {
-    fn new(places: &[RulePlace], place: impl Fn(u64) -> Option<usize>) -> Self {
+    fn new(places: &[ViolationPlace], place: impl Fn(u64) -> Option<usize>) -> Self {
         let (mut columns, mut before) = (Self::default(), 0);
         for ViolationPlace { line, t, rule } in places {
-            let known = columns.rules.iter().position(|known| known == rule);
+            let rule = (rule.id(), rule.sentence());
+            let known = columns.rules.iter().position(|known| *known == rule);
             columns.rule.push(known.unwrap_or(columns.rules.len()));
             if known.is_none() {
-                columns.rules.push(*rule);
+                columns.rules.push(rule);
             }
             columns.line.push(i128::from(*line) - before);
             before = i128::from(*line);
@@ -443,10 +441,10 @@ impl ResponseColumn {
 }
 
 impl ViolationRow {
-    fn new(violation: &AnyViolation<'_>, place: impl Fn(u64) -> Option<usize>) -> Self {
-        let AnyViolation { line, t, rule: (rule, sentence), found, expected, late, story: _ } =
-            *violation;
-        let (found, expected) = (found.to_owned(), expected.to_owned());
+    fn new(violation: &Violation, place: impl Fn(u64) -> Option<usize>) -> Self {
+        let Violation { line, t, rule, late, .. } = *violation;
+        let (found, expected) = (violation.found.clone(), violation.expected.clone());
+        let (rule, sentence) = (rule.id(), rule.sentence());
         Self { line, t: t.and_then(place), rule, sentence, found, expected, late }
     }
 }

@@ -13,7 +13,7 @@ mod statistics;
 mod timestamp_map;
 mod trace_page;
 
-pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
+pub use judging::{JudgeMode, TraceJudge};
 pub use notes::{PolicyScores, RunNotes};
 pub use part::{PartFilter, TraceRange};
 pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};

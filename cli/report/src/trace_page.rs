@@ -3,10 +3,10 @@
 use std::io::{self, Write};
 
 use fuseline_traces::observed::TimeOrderError;
-use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
+use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations, Verdict};
 
 use crate::columns::{PageTrace, TraceColumns};
-use crate::judging::{Findings, JudgeMode, TraceJudge};
+use crate::judging::{JudgeMode, TraceJudge};
 use crate::notes::RunNotes;
 use crate::page::{self, Data};
 use crate::part::{PartFilter, TraceRange};
@@ -136,29 +136,29 @@ impl TracePage<'_> {
 
     /// Judges it as a whole and puts it on the page; see [`TraceJudge::finish`].
     #[must_use = "whether it conforms"]
-    pub fn finish(self) -> Findings {
+    pub fn finish(self) -> Verdict {
         self.end(|judging| (judging.finish(), false)).0
     }
 
     /// Finishes the page of a run that is known to have ended; see [`TraceJudge::finish_ended`].
     #[must_use = "whether it conforms"]
-    pub fn finish_ended(self) -> Findings {
+    pub fn finish_ended(self) -> Verdict {
         self.end(|judging| (judging.finish_ended(), false)).0
     }
 
     /// Finishes the page of a trace that may go on or was cut short; see [`TraceJudge::finish_early`].
     #[must_use = "whether it conforms"]
-    pub fn finish_early(self) -> (Findings, bool) {
+    pub fn finish_early(self) -> (Verdict, bool) {
         self.end(TraceJudge::finish_early)
     }
 
     /// Finishes the page with a verdict that the caller makes.
     #[must_use = "whether it conforms"]
-    pub fn finish_as(self, finish: impl FnOnce(TraceJudge) -> Findings) -> Findings {
+    pub fn finish_as(self, finish: impl FnOnce(TraceJudge) -> Verdict) -> Verdict {
         self.end(|judging| (finish(judging), false)).0
     }
 
-    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+    fn end(self, finish: impl FnOnce(TraceJudge) -> (Verdict, bool)) -> (Verdict, bool) {
         let (found, is_cut) = finish(self.judging);
         let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
         shown.run = self.notes;

@@ -5,7 +5,6 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_report::AnyViolation;
 use fuseline_testkit::Coverage;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
@@ -139,7 +138,7 @@ impl ReportedFinding {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
                 {
-                    print_violation(&AnyViolation::from(violation), &verdict.file, out)?;
+                    print_violation(violation, &verdict.file, out)?;
                     self.print_story(out, "in words")?;
                     let [found, expected] = text::both(&violation.found, &violation.expected);
                     writeln!(out, "{INDENT}  found: {found}")?;

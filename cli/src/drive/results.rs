@@ -1,10 +1,8 @@
 //! The report for other tools.
 
-use fuseline_report::AnyViolation;
-
 use crate::drive::report::{DriveReport, ReportedFinding};
 use crate::exit::Exit;
-use crate::results::{Level, Problem, Subject};
+use crate::results::{Level, Problem, Subject, text_of};
 
 /// The rules that a wrong answer breaks.
 const PROTOCOL: (&str, &str) = (
@@ -39,10 +37,9 @@ pub(super) fn not_started(name: &str, why: &str) -> Subject {
 fn problem(entry: &ReportedFinding) -> Problem {
     let verdict = entry.verdict();
     let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());
-    let first = first.map(AnyViolation::from);
     Problem {
         level: Level::Violation,
-        rule: first.as_ref().map_or(PROTOCOL, |violation| violation.rule),
+        rule: first.map_or(PROTOCOL, |violation| text_of(violation.rule)),
         file: entry.location(),
         line: first.map(|violation| violation.line),
         text: entry.text(),

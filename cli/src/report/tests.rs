@@ -142,7 +142,7 @@ fn data(trace: &[u8]) -> Value {
     while let Some(event) = events.next_event().unwrap() {
         canvas.event(events.line(), event).unwrap();
     }
-    assert!(canvas.finish().summary().violations == 0);
+    assert!(canvas.finish().broken() == 0);
     let mut html = Vec::new();
     page.write(&mut html).unwrap();
     let html = String::from_utf8(html).unwrap();

@@ -7,8 +7,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{AnyViolation, Findings};
-use fuseline_traces::{Doubt, Rule};
+use fuseline_traces::{Doubt, Rule, Verdict, Violation};
 
 use crate::exit::Exit;
 use crate::fault::Fault;
@@ -110,23 +109,23 @@ impl Outputs {
 
 impl Subject {
     /// Returns a trace that was judged.
-    pub(crate) fn found(findings: &Findings) -> Self {
-        let summary = findings.summary();
-        let problem = |violation: &AnyViolation<'_>| Problem {
+    pub(crate) fn found(found: &Verdict) -> Self {
+        let file = &found.file;
+        let problem = |violation: &Violation| Problem {
             level: Level::Violation,
-            rule: violation.rule,
-            file: summary.file.to_owned(),
+            rule: text_of(violation.rule),
+            file: file.clone(),
             line: Some(violation.line),
-            text: plain(|out| print_violation(violation, summary.file, out)),
+            text: plain(|out| print_violation(violation, file, out)),
         };
-        let doubts = summary.doubts.iter().map(|doubt| in_doubt(doubt, summary.file));
+        let doubts = found.doubts.iter().map(|doubt| in_doubt(doubt, file));
         Self {
-            name: summary.file.to_owned(),
-            conforms: verdict::exit(findings) == Exit::Conforms,
+            name: file.clone(),
+            conforms: verdict::exit(found) == Exit::Conforms,
             verdict: Ok(plain(|out| {
-                print_summary(findings, out).and_then(|()| print_doubts(findings, out))
+                print_summary(found, out).and_then(|()| print_doubts(found, out))
             })),
-            problems: findings.violations().iter().map(problem).chain(doubts).collect(),
+            problems: found.violations.iter().map(problem).chain(doubts).collect(),
         }
     }
 
@@ -151,5 +150,9 @@ fn in_doubt(doubt: &Doubt, file: &str) -> Problem {
 /// Returns all rules that a trace is judged by, and those that were broken besides.
 fn rules(judged: &[Subject]) -> BTreeMap<&'static str, &'static str> {
     let broken = judged.iter().flat_map(|judged| &judged.problems).map(|problem| problem.rule);
-    Rule::ALL.into_iter().map(|rule| (rule.id(), rule.sentence())).chain(broken).collect()
+    Rule::ALL.into_iter().map(text_of).chain(broken).collect()
+}
+
+pub(crate) const fn text_of(rule: Rule) -> RuleText {
+    (rule.id(), rule.sentence())
 }

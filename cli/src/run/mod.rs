@@ -18,8 +18,7 @@ mod table;
 
 use std::io::{self, Write};
 
-use fuseline_report::Findings;
-use fuseline_traces::Doubt;
+use fuseline_traces::{Doubt, Verdict};
 use tokio::runtime::Runtime;
 
 use crate::exit::Exit;
@@ -101,7 +100,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
 
 impl Args {
     /// Returns the verdict with this doubt, if there is one, and with what is accepted.
-    fn doubted(&self, found: Findings, doubt: Option<Doubt>) -> Findings {
+    fn doubted(&self, found: Verdict, doubt: Option<Doubt>) -> Verdict {
         let found = match doubt {
             Some(doubt) => found.doubting(doubt),
             None => found,
@@ -114,7 +113,7 @@ impl Args {
 fn make(
     page: &Output,
     plan: &RunPlan,
-    doubted: impl FnOnce(Findings) -> Findings,
+    doubted: impl FnOnce(Verdict) -> Verdict,
 ) -> Result<(), Fault> {
     crate::report::of(&plan.trace, page, doubted)?;
     if plan.open

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use fuseline_report::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use fuseline_report::{
-    ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
+    ArrivalTime, COLUMNS, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Doubt, DoubtKind, Event, Events, Judge, Verdict};
@@ -62,7 +62,7 @@ pub(crate) struct RunReport {
     pub(crate) compared: u64,
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
-    pub(crate) trace: Findings,
+    pub(crate) trace: Verdict,
     /// The page of the run, if one is made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) page: Option<String>,
@@ -134,9 +134,7 @@ pub(crate) struct Reading {
 impl RunReport {
     /// Counts the line with what the run notes beside its events.
     pub(crate) const fn count_noted_line(&mut self) {
-        if let Findings::Strict(verdict) = &mut self.trace {
-            verdict.lines += 1;
-        }
+        self.trace.lines += 1;
     }
 
     /// Returns the doubt about clouds that answered no request in time, though some failed or ran to their deadlines.
@@ -228,7 +226,7 @@ impl Reading {
             compared: messages.len() as u64,
             policies: policies(&messages, plan, &totals, driven),
             totals,
-            trace: Findings::Strict(self.verdict),
+            trace: self.verdict,
             page: (driven.recording_error.is_none())
                 .then(|| plan.page.as_ref().map(|it| it.name().to_owned()))
                 .flatten(),

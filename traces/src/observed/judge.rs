@@ -15,13 +15,13 @@ use super::doubts::DoubtTracker;
 use super::gap::{Gaps, Opened};
 use super::open::OpenMessageHistory;
 use super::slack::{Slack, SourceSlack};
-use super::verdict::{Verdict, Violation};
 use super::window::CrowdedOpens;
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 use crate::recent::RecentLines;
+use crate::verdict::{Verdict, Violation};
 
 /// Judges one trace, line by line.
 ///
@@ -119,9 +119,7 @@ pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, J
     while let Some(event) = reader.next_event()? {
         judge.annotated_line(reader.line(), &event, reader.annotations())?;
     }
-    let mut verdict = judge.finish();
-    verdict.violations.sort_by_key(|violation| violation.line);
-    Ok(verdict)
+    Ok(judge.finish().sorted())
 }
 
 impl Judge {
@@ -148,17 +146,7 @@ impl Judge {
             recent: RecentLines::default(),
             keeps_places: false,
             is_ended: false,
-            verdict: Verdict {
-                file: file.into(),
-                conforms: true,
-                judged: 0,
-                lines: 1,
-                doubts: Vec::new(),
-                cause: None,
-                violations: Vec::new(),
-                more: 0,
-                places: Vec::new(),
-            },
+            verdict: Verdict::new(file.into()),
         }
     }
 
@@ -307,10 +295,9 @@ impl Judge {
         while let Some((t, open)) = self.open.pop_first() {
             self.close(t, &open, &self.whole(t, &open), end);
         }
-        let Verdict { judged, more, violations, .. } = &self.verdict;
-        let broken = violations.len() as u64 + more;
-        let span = self.causes.span();
-        self.verdict.doubts = self.doubts.doubts(*judged, self.is_ended, &self.slack, span);
+        let (judged, broken, span) =
+            (self.verdict.judged, self.verdict.broken(), self.causes.span());
+        self.verdict.doubts = self.doubts.doubts(judged, self.is_ended, &self.slack, span);
         self.verdict.cause = self.causes.most(broken, &self.header);
         self.verdict.accepting(&[])
     }

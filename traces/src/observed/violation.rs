@@ -9,7 +9,6 @@ use super::doubts::nanos;
 use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
-use super::verdict::BrokenRule;
 use crate::annotations::{HeaderAnnotations, ValueKeys, allowed_values, meant_value};
 use crate::event::{Commit, Decision, Event};
 use crate::rule::Rule;
@@ -19,7 +18,7 @@ use crate::rule::Rule;
 pub(super) struct UnlocatedViolation {
     /// The line, or `None` for the timestamp's last line.
     pub(super) line: Option<u64>,
-    pub(super) rule: BrokenRule,
+    pub(super) rule: Rule,
     pub(super) found: String,
     pub(super) expected: String,
     pub(super) late: Option<u64>,
@@ -184,7 +183,7 @@ fn of_own_deadline(
     };
     Some(UnlocatedViolation {
         line: first.map(|output| output.line),
-        rule: BrokenRule::J2,
+        rule: Rule::J2,
         found: first.map_or_else(
             || outputs(t, &whole.story),
             |ObservedOutput { p, at, .. }| output(t, *p, *at).to_string(),
@@ -208,14 +207,7 @@ fn of_open_or_request(
         let p = requested.or(whole.stranger.map(|(_, p)| p))?;
         (Rule::F2, format!("a request to p {p}"), None)
     };
-    Some(UnlocatedViolation {
-        line: None,
-        rule: BrokenRule::Rule(rule),
-        found,
-        expected,
-        late: None,
-        suspicion,
-    })
+    Some(UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion })
 }
 
 /// Reports lines that contradict each other, whatever the outputs are.
@@ -243,7 +235,7 @@ fn of_contradiction(
             let is_copy = other == Some(&(p, at, due));
             let suspicion = is_copy.then_some(Suspicion::Repeated(None));
             let found = Decision::Request { at, t, p, due }.to_string();
-            let rule = BrokenRule::Rule(Rule::F2);
+            let rule = Rule::F2;
             return UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion };
         }
     }
@@ -252,7 +244,7 @@ fn of_contradiction(
         "an open first, and each request before what comes of it; no order of these lines \
                     within the tolerance has that"
             .to_owned();
-    let rule = BrokenRule::Rule(Rule::F1);
+    let rule = Rule::F1;
     UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion: None }
 }
 
@@ -272,7 +264,7 @@ fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<Unloca
     let found = format!("a result of p {p} at {came}, {} before {what} at {asked}", nanos(by));
     Some(UnlocatedViolation {
         line: None,
-        rule: BrokenRule::Rule(rule),
+        rule,
         found,
         expected: format!("a result after {what}"),
         late: None,
@@ -281,17 +273,13 @@ fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<Unloca
 }
 
 /// Returns the rule or promise that a missing output breaks, and the time by which it is too late.
-fn of_nothing(
-    story: &MessageHistory,
-    allowed: &[AllowedOutput],
-    end: u64,
-) -> (BrokenRule, Option<u64>) {
+fn of_nothing(story: &MessageHistory, allowed: &[AllowedOutput], end: u64) -> (Rule, Option<u64>) {
     let by = allowed.iter().map(|allowed| allowed.to).max().unwrap_or(end);
     let has_local = story.results.iter().any(|(p, _)| *p == 0);
     let rule = match (story.requests.is_empty(), has_local) {
-        (true, true) => BrokenRule::P6,
-        (false, true) => BrokenRule::P5,
-        (_, false) => BrokenRule::P7,
+        (true, true) => Rule::P6,
+        (false, true) => Rule::P5,
+        (_, false) => Rule::P7,
     };
     (rule, Some(end.saturating_sub(by)))
 }
@@ -299,7 +287,7 @@ fn of_nothing(
 /// The fault of an output.
 #[derive(Clone, Copy, Debug)]
 struct OutputFault {
-    rule: BrokenRule,
+    rule: Rule,
     late: Option<u64>,
     /// The instant of its result, if that is the fault.
     came: Option<u64>,
@@ -320,21 +308,21 @@ fn of_output(
     let same = allowed.iter().find(|allowed| allowed.p == what);
     if let Some(same) = same.filter(|same| at > same.to) {
         let rule = match what {
-            None => BrokenRule::P7,
-            Some(0) if alone => BrokenRule::P6,
-            Some(_) => BrokenRule::P4,
+            None => Rule::P7,
+            Some(0) if alone => Rule::P6,
+            Some(_) => Rule::P4,
         };
         return OutputFault { late: Some(at - same.to), ..OutputFault::of(rule) };
     }
-    let Some(p) = what else { return OutputFault::of(BrokenRule::Rule(Rule::F6)) };
+    let Some(p) = what else { return OutputFault::of(Rule::F6) };
     let own = slack.tolerance_of(p);
     if p == 0 && story.without_local {
-        return OutputFault::of(BrokenRule::Rule(Rule::F3));
+        return OutputFault::of(Rule::F3);
     }
     let first = |facts: &[(u64, u64)], p: u64| {
         facts.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()
     };
-    let fault = OutputFault::of(BrokenRule::P3);
+    let fault = OutputFault::of(Rule::P3);
     let Some(came) = first(&story.results, p) else {
         return OutputFault { suspicion: Some(Suspicion::ResultMissing { p, at }), ..fault };
     };
@@ -348,27 +336,27 @@ fn of_output(
         None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
     };
     if p > 0 && request.is_none() {
-        return OutputFault::of(BrokenRule::Rule(Rule::F3));
+        return OutputFault::of(Rule::F3);
     }
     if let Some(due) = due.filter(|due| came > due.saturating_add(slack.unnoticed(p))) {
-        let fault = OutputFault::of(BrokenRule::P2);
+        let fault = OutputFault::of(Rule::P2);
         return OutputFault { late: Some(came - due), came: Some(came), due: Some(due), ..fault };
     }
     if same.is_none() && first(&story.failures, p).is_some_and(|failed| failed < came) {
-        return OutputFault::of(BrokenRule::Rule(Rule::F4));
+        return OutputFault::of(Rule::F4);
     }
     let higher = allowed.iter().filter_map(|allowed| allowed.p).filter(|q| *q > p);
     let is_outranked =
         higher.into_iter().any(|q| first(&story.results, q).is_some_and(|came| came <= at));
     OutputFault::of(match commit {
-        Commit::Progressive => BrokenRule::Rule(Rule::F9),
-        Commit::Eager | Commit::Patient if is_outranked => BrokenRule::P3,
-        Commit::Eager | Commit::Patient => BrokenRule::Rule(Rule::F3),
+        Commit::Progressive => Rule::F9,
+        Commit::Eager | Commit::Patient if is_outranked => Rule::P3,
+        Commit::Eager | Commit::Patient => Rule::F3,
     })
 }
 
 impl OutputFault {
-    const fn of(rule: BrokenRule) -> Self {
+    const fn of(rule: Rule) -> Self {
         Self { rule, late: None, came: None, due: None, suspicion: None }
     }
 
@@ -456,8 +444,7 @@ fn reported_as(kind: &str, t: u64, allowed: &[AllowedOutput]) -> String {
 
 impl UnlocatedViolation {
     fn new(rule: Rule, line: u64, found: String, expected: String) -> Self {
-        let (line, rule) = (Some(line), BrokenRule::Rule(rule));
-        Self { line, rule, found, expected, late: None, suspicion: None }
+        Self { line: Some(line), rule, found, expected, late: None, suspicion: None }
     }
 
     /// Adds a possible cause.

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
-use fuseline_report::Findings;
 use fuseline_traces::{Commit, Header, Judge};
 
 use super::*;
@@ -287,7 +286,7 @@ fn reported() -> RunReport {
         outage_messages: BoundedFigure::exactly(0),
         compared: 10,
         policies: vec![policy(Some(BoundedFigure::exactly(40.04)))],
-        trace: Findings::Strict(Judge::new("t", &header).finish()),
+        trace: Judge::new("t", &header).finish(),
     }
 }
 

@@ -64,13 +64,10 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
     let mut html = Vec::new();
     page.write(&mut html).map_err(|error| error.to_string())?;
     let reported = embedded(&html)?;
-    if reported["conforms"] != found.summary().conforms
+    if reported["conforms"] != found.conforms
         || reported["ev"].as_str().map(str::len) != Some(count)
     {
-        return Err(format!(
-            "{count} events, {:?} is reported as {reported}",
-            found.summary().conforms
-        ));
+        return Err(format!("{count} events, {:?} is reported as {reported}", found.conforms));
     }
     names(&reported, name, &header)?;
     whole(&reported, count)

@@ -3,17 +3,15 @@
 use std::cmp::Reverse;
 
 use super::Judge;
-use crate::judge::{PLACES, ViolationPlace};
 use crate::observed::causes::Suspicion;
 use crate::observed::gap::{Gap, Opened};
 use crate::observed::open::{OpenMessageHistory, WholeMessageHistory};
-use crate::observed::verdict::{BrokenRule, Violation};
 use crate::observed::violation::{
     UnlocatedViolation, of_again, of_late_open, of_refused, of_story,
 };
+use crate::rule::Rule;
+use crate::verdict::Violation;
 
-/// The number of violations that a verdict lists. It counts the others.
-const VIOLATIONS: usize = 100;
 /// The number of timestamps that broke the rules and wait for an output that may come too late.
 pub(super) const OVERDUE: usize = 1024;
 
@@ -214,7 +212,7 @@ impl Judge {
             self.violate(Violation {
                 line,
                 t: Some(t),
-                rule: BrokenRule::P9,
+                rule: Rule::P9,
                 found,
                 expected,
                 late: None,
@@ -226,7 +224,7 @@ impl Judge {
     pub(super) fn tell_gap(&mut self, line: u64, t: Option<u64>, gap: Gap) {
         let (found, expected, late) = (gap.found(), gap.expected(), Some(gap.excess()));
         let story = t.map_or_else(Vec::new, |t| self.recent.story(t, None));
-        self.violate(Violation { line, t, rule: BrokenRule::J1, found, expected, late, story });
+        self.violate(Violation { line, t, rule: Rule::J1, found, expected, late, story });
     }
 
     fn report(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
@@ -238,15 +236,6 @@ impl Judge {
     }
 
     fn violate(&mut self, violation: Violation) {
-        self.verdict.conforms = false;
-        if self.verdict.violations.len() == VIOLATIONS {
-            self.verdict.more += 1;
-            if self.keeps_places && self.verdict.places.len() < PLACES {
-                let Violation { line, t, rule, .. } = violation;
-                self.verdict.places.push(ViolationPlace { line, t, rule });
-            }
-        } else {
-            self.verdict.violations.push(violation);
-        }
+        self.verdict.count(violation.place(), self.keeps_places, || violation);
     }
 }

@@ -5,7 +5,6 @@ use super::super::open::{ObservedOutput, WholeMessageHistory};
 use super::super::progressive::{ALWAYS, OutputTime, ProgressiveFacts, span};
 use super::super::slack::SourceSlack;
 use super::super::story::{AllowedOutput, MessageHistory, produced};
-use super::super::verdict::BrokenRule;
 use super::{UnlocatedViolation, of_output, output, outputs, reported, reported_as};
 use crate::event::{Commit, Decision};
 use crate::rule::Rule;
@@ -123,9 +122,9 @@ fn of_missing(
         .collect();
     let sent = unseen.outputs.iter().rposition(|output| output.is_observed());
     let rule = match alone {
-        Some((0, _)) => BrokenRule::P5,
-        Some((q, _)) if Some(q) > sent => BrokenRule::P3,
-        Some(_) | None => BrokenRule::P4,
+        Some((0, _)) => Rule::P5,
+        Some((q, _)) if Some(q) > sent => Rule::P3,
+        Some(_) | None => Rule::P4,
     };
     let late = alone.and(allowed.first()).map(|allowed| end.saturating_sub(allowed.to));
     let (found, expected) = (outputs(t, &whole.story), reported(t, &allowed));
@@ -150,6 +149,6 @@ fn of_final(
     let late = same.and_then(|same| at.checked_sub(same.to)).filter(|late| *late > 0);
     let found = Decision::Final { at, t, p: p.unwrap_or_default() }.to_string();
     let expected = reported_as("final", t, &allowed);
-    let rule = BrokenRule::Rule(Rule::F9);
+    let rule = Rule::F9;
     UnlocatedViolation { line: Some(line), rule, found, expected, late, suspicion: None }
 }
