@@ -9,7 +9,10 @@ use serde::Serialize;
 use crate::ScenarioError;
 use crate::approach::Vehicle;
 use crate::duration::{SHORTEST, duration, seconds};
-use crate::plot::{Folder, FolderError};
+use crate::plot::{Folder, FolderError, PageContent, Plot, show};
+
+/// The heading of a scenario's page, its caption, and the limits of the model.
+pub(crate) type PageHead = [&'static str; 3];
 
 /// The output options of a scenario.
 #[derive(clap::Args)]
@@ -38,21 +41,28 @@ impl OutputOptions {
         Ok([open(&self.trace)?, open(&self.output)?])
     }
 
-    /// Prints one object, or words, coloured where that is a terminal.
+    /// Writes the page if its folder is wanted, and prints the result as one object, or as text, coloured where that is a
+    /// terminal. `plots` are made for the page alone.
     ///
     /// # Errors
-    /// If standard output cannot be written.
-    pub(crate) fn print_report(
+    /// If the folder or standard output cannot be written.
+    pub(crate) fn report(
         &self,
         mut out: &mut dyn Write,
-        object: &impl Serialize,
-        words: &str,
+        page: Option<Folder>,
+        [title, words @ ..]: PageHead,
+        (result, text): (&impl Serialize, &str),
+        plots: impl FnOnce() -> Vec<Plot>,
     ) -> Result<(), ScenarioError> {
+        if let Some(folder) = page {
+            let content = PageContent { title, words: &words, plots: plots(), reported: text };
+            show(&folder, &content)?;
+        }
         let written = if self.json {
-            let written = serde_json::to_writer(&mut out, object).map_err(io::Error::from);
+            let written = serde_json::to_writer(&mut out, result).map_err(io::Error::from);
             written.and_then(|()| writeln!(out))
         } else {
-            out.write_all(words.as_bytes())
+            out.write_all(text.as_bytes())
         };
         written.map_err(ScenarioError::Output)
     }

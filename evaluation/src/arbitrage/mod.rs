@@ -9,17 +9,17 @@ use serde::Serialize;
 
 use crate::ScenarioError;
 use crate::networks::DRIVES;
-use crate::options::OutputOptions;
+use crate::options::{OutputOptions, PageHead};
 use crate::paper::{PAPER, TripQuantiles};
-use crate::plot::{PageContent, show};
 use fuseline_testkit::networks::Drive;
 
-/// The caption of the page.
-const CAPTION: &str = "The same model runs on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is \
-    first, it could even run a larger model.";
-/// The source of the figures.
-const MODEL: &str = "The runtimes and the quantiles of the round trip are the paper's. The shares come from ten recorded \
-    networks, whose messages were small.";
+const HEAD: PageHead = [
+    "Arbitrage",
+    "The same model runs on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is \
+    first, it could even run a larger model.",
+    "The runtimes and the quantiles of the round trip are the paper's. The shares come from ten recorded \
+    networks, whose messages were small.",
+];
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -71,22 +71,10 @@ pub(crate) struct ArbitrageResult {
 pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
     let drives = drives?;
-    let [_, plots] = args.leave.folders()?;
+    let [_, page] = args.leave.folders()?;
     let result = result(&drives);
-    let text = text::text(&result);
-    if let Some(folder) = plots {
-        let words = [CAPTION, MODEL];
-        show(
-            &folder,
-            &PageContent {
-                title: "Arbitrage",
-                words: &words,
-                plots: plots::plots(&result),
-                reported: &text,
-            },
-        )?;
-    }
-    args.leave.print_report(out, &result, &text)
+    let shown = (&result, &*text::text(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::plots(&result))
 }
 
 fn result(drives: &[Drive]) -> ArbitrageResult {

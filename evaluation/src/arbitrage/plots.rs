@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use crate::arbitrage::{ArbitrageResult, ArbitrageRow};
-use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, width};
+use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, keys_of_shapes};
 
 /// The place at which bars begin, the height of a model's row, and the place of the first row.
 const LEFT: i32 = 180;
@@ -23,7 +23,8 @@ pub(crate) fn plots(result: &ArbitrageResult) -> Vec<Plot> {
             "From an image to its result, in ms; the speedup of the computation beside",
         );
         canvas(theme, (860, height), words, |canvas| {
-            keys(theme, canvas);
+            let keys = [("on board", 0), ("round trip, median", 2), ("runtime in the cloud", 1)];
+            keys_of_shapes(theme, canvas, &keys.map(|(word, i)| (word, theme.series[i].filled())));
             let bottom = TOP + HIGH * i32::try_from(rows.len()).unwrap_or(0);
             for (at, name) in reactions.iter().zip(["fastest human", "slowest human"]) {
                 let x = unit(*at);
@@ -59,17 +60,6 @@ fn model(theme: &Theme, canvas: &Canvas<'_>, row: &ArbitrageRow, y: i32) {
     soft.put(canvas, &format!("{:.1}", row.on_board), (unit(row.on_board) + 6, y + 8));
     let words = format!("{:.1}, {:.2}×", row.at_p50, row.speedup);
     soft.put(canvas, &words, (to + 8, y + 26));
-}
-
-fn keys(theme: &Theme, canvas: &Canvas<'_>) {
-    let mut x = 24;
-    let keys = [("on board", 0), ("round trip, median", 2), ("runtime in the cloud", 1)];
-    for (word, series) in keys {
-        let key = Rectangle::new([(x, 76), (x + 22, 86)], theme.series[series].filled());
-        canvas.draw(&key).expect(DRAWN);
-        TextLine::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
-        x += 52 + width(word);
-    }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "some hundreds")]

@@ -16,16 +16,17 @@ use crate::ScenarioError;
 pub(crate) use crate::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::jaywalking::hypotheses::{HypothesisRow, UnlikelyEvent};
 use crate::jaywalking::planning::{PlanCallOutcome, Planning};
-use crate::options::{OutputOptions, above_0, not_below_0, speed, time};
-use crate::plot::{Folder, PageContent, show};
+use crate::options::{OutputOptions, PageHead, above_0, not_below_0, speed, time};
+use crate::plot::Folder;
 
-/// The caption of the page.
-const CAPTION: &str = "A person walks onto the road just before a car. The planner on board is slow. A plan that the cloud \
+const HEAD: PageHead = [
+    "Person jaywalking",
+    "A person walks onto the road just before a car. The planner on board is slow. A plan that the cloud \
     made for this case is ready sooner, from a cache. The plan came by a side request: a gate admitted it, a deadline \
-    bounded it, and the machine does not know of it.";
-/// The limits of the model.
-const MODEL: &str = "The car's and the person's speed, how hard the car swerves and brakes, how fast it steers, and when the \
-    side request is made are model choices. The paper states the distance and both responses.";
+    bounded it, and the machine does not know of it.",
+    "The car's and the person's speed, how hard the car swerves and brakes, how fast it steers, and when the \
+    side request is made are model choices. The paper states the distance and both responses.",
+];
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -144,7 +145,7 @@ pub(crate) struct JaywalkingResult {
 }
 
 pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
-    let [traces, plots] = args.leave.folders()?;
+    let [traces, page] = args.leave.folders()?;
     let geometry = args.geometry();
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
     let runs = runs(args, &geometry, traces.as_ref())?;
@@ -160,16 +161,8 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         hypotheses,
         mean_response,
     };
-    let text = text::text(&result);
-    if let Some(folder) = plots {
-        let words = [CAPTION, MODEL];
-        let plots = plots::plots(&result, geometry);
-        show(
-            &folder,
-            &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
-        )?;
-    }
-    args.leave.print_report(out, &result, &text)
+    let shown = (&result, &*text::text(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::plots(&result, geometry))
 }
 
 fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {

@@ -21,8 +21,8 @@ use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::networks::linked::LinkedResponses;
 use crate::networks::policy::{OBSERVED, ResponsePolicy, before, deadline, observe};
 use crate::operator::ScenarioOperator;
-use crate::options::{OutputOptions, VehicleArgs, above_0, speed, time};
-use crate::plot::{Folder, PageContent, show};
+use crate::options::{OutputOptions, PageHead, VehicleArgs, above_0, speed, time};
+use crate::plot::Folder;
 
 /// All that is recorded but the wifi, which was hardly ever there.
 pub(crate) const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
@@ -33,13 +33,14 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// More traces than this are not meant.
 const TRACES: usize = 10_000;
 
-/// The caption of the page.
-const CAPTION: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
+const HEAD: PageHead = [
+    "Recorded networks",
+    "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
     response is its runtime plus the round trip that the drive had when the frame was captured. The policies differ in \
-    the source that they wait for, and in how long they wait.";
-/// The limits of the model.
-const MODEL: &str = "The round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration \
-    and the delay of the brakes are model choices. expected looks at the calls of the 30 s before.";
+    the source that they wait for, and in how long they wait.",
+    "The round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration \
+    and the delay of the brakes are model choices. expected looks at the calls of the 30 s before.",
+];
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -163,7 +164,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     let vehicle = args.vehicle.vehicle();
     let needs_guard = args.policy.iter().any(|mode| mode.is_guarded());
     let guard = needs_guard.then(|| vehicle.guard()).transpose()?;
-    let [traces, plots] = args.leave.folders()?;
+    let [traces, page] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
     let result = NetworksResult {
@@ -175,16 +176,8 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         starts: args.starts,
         rows: setting.rows(&drives)?,
     };
-    let text = text::text(&result);
-    if let Some(folder) = plots {
-        let words = [CAPTION, MODEL];
-        let plots = plots::plots(&result);
-        show(
-            &folder,
-            &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
-        )?;
-    }
-    args.leave.print_report(out, &result, &text)
+    let shown = (&result, &*text::text(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::plots(&result))
 }
 
 impl Args {

@@ -1,7 +1,7 @@
 //! Collisions and impact over the speed.
 
 use crate::networks::policy::ResponsePolicy;
-use crate::networks::text::{mean, percent};
+use crate::networks::text::{mean, name, percent};
 use crate::networks::{DriveRow, NetworksResult};
 use crate::plot::{Axes, ChartLine, Plot, Theme, canvas};
 
@@ -102,12 +102,11 @@ fn line(
     index: usize,
     (policy, points): &(ResponsePolicy, Vec<(f64, f64)>),
 ) -> ChartLine {
-    let is_constant = matches!(policy, ResponsePolicy::Constant(_));
     ChartLine {
-        name: if is_constant { format!("{policy} s") } else { policy.to_string() },
+        name: name(*policy),
         colour: theme.series[index % theme.series.len()],
         width: if *policy == ResponsePolicy::Guard { 4 } else { 2 },
-        is_dashed: is_constant,
+        is_dashed: matches!(policy, ResponsePolicy::Constant(_)),
         points: points.clone(),
     }
 }

@@ -41,7 +41,7 @@ pub(crate) fn text(result: &NetworksResult) -> String {
     })
 }
 
-fn name(policy: ResponsePolicy) -> String {
+pub(crate) fn name(policy: ResponsePolicy) -> String {
     match policy {
         ResponsePolicy::Constant(_) => format!("{policy} s"),
         _ => policy.to_string(),

@@ -232,9 +232,21 @@ impl ChartLine {
     }
 }
 
+/// Draws keys of filled and outlined shapes in a row below the title.
+///
+/// # Panics
+/// Never: drawing into a string does not fail.
+pub fn keys_of_shapes(theme: &Theme, canvas: &Canvas<'_>, keys: &[(&str, ShapeStyle)]) {
+    let mut x = 24;
+    for (word, style) in keys {
+        canvas.draw(&Rectangle::new([(x, 76), (x + 22, 86)], *style)).expect(DRAWN);
+        TextLine::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
+        x += 52 + width(word);
+    }
+}
+
 /// About how wide a text of 13 units is, whatever the viewer's font.
-#[must_use]
-pub fn width(text: &str) -> i32 {
+fn width(text: &str) -> i32 {
     i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 6
 }
 

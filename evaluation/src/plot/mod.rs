@@ -9,7 +9,8 @@ mod sheet;
 mod theme;
 
 pub use chart::{
-    Axes, Canvas, Chart, ChartLine, DRAWN, LogPoints, Scale, TextLine, canvas, logarithmic, width,
+    Axes, Canvas, Chart, ChartLine, DRAWN, LogPoints, Scale, TextLine, canvas, keys_of_shapes,
+    logarithmic,
 };
 pub use cut::inside;
 use cut::pieces;

@@ -12,18 +12,19 @@ use std::io::Write;
 use serde::Serialize;
 
 use crate::ScenarioError;
-use crate::options::{OutputOptions, above_0, not_below_0, signed_time, speed, time};
-use crate::plot::{Folder, PageContent, show};
+use crate::options::{OutputOptions, PageHead, above_0, not_below_0, signed_time, speed, time};
+use crate::plot::Folder;
 use crate::red_light::crossing::{Crossing, Ego, WarningSource};
 pub(crate) use crate::red_light::geometry::{CrossingGeometry, Variant};
 
-/// The caption of the page.
-const CAPTION: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
+const HEAD: PageHead = [
+    "Running a red light",
+    "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
     neither on board nor in the cloud. If both cars send their locations to a service in the cloud, ego knows of the \
-    other car before it can see it, and brakes.";
-/// The limits of the model.
-const MODEL: &str = "Intersections, speeds and occluders are model choices, and so is the rule by which ego brakes for a \
-    neighbour. The paper drove three intersections in CARLA and does not state them.";
+    other car before it can see it, and brakes.",
+    "Intersections, speeds and occluders are model choices, and so is the rule by which ego brakes for a \
+    neighbour. The paper drove three intersections in CARLA and does not state them.",
+];
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -155,7 +156,7 @@ pub(crate) struct RedLightResult {
 }
 
 pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
-    let [traces, plots] = args.leave.folders()?;
+    let [traces, page] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
     let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };
     let detectors = [WarningSource::Local, WarningSource::Cloud];
@@ -169,16 +170,8 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         at_once: args.runs(&at_once, &[WarningSource::Cloud], &[0.0], has_occluder, None)?,
         without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
     };
-    let text = text::text(&result);
-    if let Some(folder) = plots {
-        let words = [CAPTION, MODEL];
-        let plots = plots::plots(args, &result);
-        show(
-            &folder,
-            &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
-        )?;
-    }
-    args.leave.print_report(out, &result, &text)
+    let shown = (&result, &*text::text(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::plots(args, &result))
 }
 
 impl Args {

@@ -2,7 +2,7 @@
 
 use plotters::prelude::*;
 
-use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
+use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, keys_of_shapes};
 use crate::red_light::crossing::WarningSource;
 use crate::red_light::geometry::{CrossingGeometry, MEETING};
 use crate::red_light::{Args, RedLightResult, RedLightRun};
@@ -44,7 +44,12 @@ pub(crate) fn plots(args: &Args, result: &RedLightResult) -> Vec<Plot> {
             let [[left, right], [low, high]] = SHOWN;
             let size = (unit((right - left) * METRE), unit((high - low) * METRE + TOP));
             canvas(theme, size, (&title, &below), |canvas| {
-                keys(theme, canvas);
+                let keys = [
+                    ("ego by shared locations", theme.series[1].filled()),
+                    ("ego by the detector on board", theme.bad.stroke_width(2)),
+                    ("car that runs the light", theme.series[2].filled()),
+                ];
+                keys_of_shapes(theme, canvas, &keys);
                 let area = canvas.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
                 let ego = |run: &RedLightRun, now: f64| {
                     let bite = run.brakes_before.map(|before| MEETING - before);
@@ -161,21 +166,6 @@ fn paths(
             outline(canvas, &ego.corners(), theme.series[1].mix(faint));
         }
         outline(canvas, &geometry.runner(now).corners(), theme.series[2].mix(faint));
-    }
-}
-
-fn keys(theme: &Theme, canvas: &Canvas<'_>) {
-    let keys = [
-        ("ego by shared locations", theme.series[1], true),
-        ("ego by the detector on board", theme.bad, false),
-        ("car that runs the light", theme.series[2], true),
-    ];
-    let mut x = 24;
-    for (word, colour, is_filled) in keys {
-        let style = if is_filled { colour.filled() } else { colour.stroke_width(2) };
-        canvas.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
-        TextLine::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
-        x += 52 + width(word);
     }
 }
 

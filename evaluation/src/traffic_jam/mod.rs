@@ -15,18 +15,18 @@ use serde::Serialize;
 
 use crate::ScenarioError;
 use crate::approach::{Approach, Vehicle};
-use crate::options::{OutputOptions, VehicleArgs, speed, time};
-use crate::plot::{PageContent, show};
+use crate::options::{OutputOptions, PageHead, VehicleArgs, speed, time};
 use crate::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
 use crate::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
 
-/// The caption of the page.
-const CAPTION: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
+const HEAD: PageHead = [
+    "Traffic jam",
+    "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
     frames report it. Local sees less far than the cloud, and the network delays the cloud's results. The \
-    shipped machine decided every output, in virtual time. Every ending follows from the outputs and the stated physics.";
-/// The limits of the model.
-const MODEL: &str = "Ranges, deceleration and the delay of the brakes are model choices: the paper drove in CARLA and \
-    does not state them.";
+    shipped machine decided every output, in virtual time. Every ending follows from the outputs and the stated physics.",
+    "Ranges, deceleration and the delay of the brakes are model choices: the paper drove in CARLA and \
+    does not state them.",
+];
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -174,7 +174,7 @@ impl TrafficJamResult {
 pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
-    let [traces, plots] = args.leave.folders()?;
+    let [traces, page] = args.leave.folders()?;
     let result = TrafficJamResult {
         scenario: "traffic-jam",
         parameters: args.parameters(),
@@ -184,20 +184,8 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
     };
-    let text = text::text(&result);
-    if let Some(folder) = plots {
-        let words = [CAPTION, MODEL];
-        show(
-            &folder,
-            &PageContent {
-                title: "Traffic jam",
-                words: &words,
-                plots: plots::plots(&result, &jam),
-                reported: &text,
-            },
-        )?;
-    }
-    args.leave.print_report(out, &result, &text)
+    let shown = (&result, &*text::text(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::plots(&result, &jam))
 }
 
 fn beside(jam: &Jam) -> Result<ExtraResults, ScenarioError> {
