@@ -13,6 +13,7 @@ use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
 };
 use fuseline_threads::Shared;
+use fuseline_traces::nanos;
 
 const WINDOW: usize = 1024;
 /// Local's and the clouds'.
@@ -220,10 +221,6 @@ fn work(
 
 fn float(count: usize) -> f64 {
     u32::try_from(count).map_or(f64::MAX, f64::from)
-}
-
-fn nanos(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

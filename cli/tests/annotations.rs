@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{err, out, run};
+use crate::common::{OBSERVED, err, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 
@@ -12,16 +12,6 @@ const STALE: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"name":"server"
 {"ev":"offer","at":0,"t":5,"p":1,"deadline":40000000,"backlog":0}
 {"ev":"result","at":3000000,"t":5,"p":1,"of":4}
 "#;
-const OBSERVED: [&str; 8] = [
-    "check",
-    "--observed",
-    "--tolerance",
-    "1ms",
-    "--lateness",
-    "5ms",
-    "--accept",
-    "silent,blurred,endless",
-];
 
 fn printed(args: &[&str], trace: &str) -> String {
     out(&run(args, trace)).to_owned()

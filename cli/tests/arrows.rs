@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use crate::common::{err, run};
+use crate::common::{err, micros, run};
 use fuseline_testkit::Rng;
 use serde_json::Value;
 use tempfile::tempdir;
@@ -84,10 +84,6 @@ fn trace((start, visits): &(u64, Vec<FrameVisit>)) -> String {
 
 /// An arrow's end at a message: its phase, its process, when, of which frame.
 type ArrowEnd = (String, u64, String, String);
-
-fn micros(nanos: u64) -> String {
-    format!("{}.{:03}", nanos / 1000, nanos % 1000)
-}
 
 /// The arrows that a vehicle's frames should have, an entry each.
 fn expected(operators: &[(u64, Vec<FrameVisit>)]) -> BTreeSet<Vec<ArrowEnd>> {

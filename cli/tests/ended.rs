@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{err, fuseline, out, run};
+use crate::common::{OBSERVED, err, fuseline, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 
@@ -15,16 +15,6 @@ const HANG: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":31}]}
 {"ev":"request","at":100000000,"t":1,"p":1,"due":140000000}
 {"ev":"result","at":103000000,"t":1,"p":0}
 "#;
-const OBSERVED: [&str; 8] = [
-    "check",
-    "--observed",
-    "--tolerance",
-    "1ms",
-    "--lateness",
-    "5ms",
-    "--accept",
-    "silent,blurred,endless",
-];
 
 fn observed(more: &[&str], trace: &str) -> (Option<i32>, String) {
     let checked = run(&[&OBSERVED[..], more].concat(), trace);

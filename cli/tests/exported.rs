@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::common::drawn::DrawnTrace;
 use crate::common::recount::{RecountedCall, RecountedEnd, RecountedSpan};
-use crate::common::{err, out, run};
+use crate::common::{err, micros, out, run};
 use fuseline_traces::{Annotations, Decision, Event, Input, ValueKeys};
 use serde_json::{Value, json};
 use tempfile::tempdir;
@@ -21,10 +21,6 @@ fn exported(viewer: &str, files: &[&str]) -> (String, String) {
     let exported = run(&[&["export", viewer], files, &["-o", &output]].concat(), "");
     assert_eq!(exported.status.code(), Some(0), "{}", err(&exported));
     (fs::read_to_string(output).unwrap(), err(&exported).to_owned())
-}
-
-fn micros(nanos: u64) -> String {
-    format!("{}.{:03}", nanos / 1000, nanos % 1000)
 }
 
 /// An event of Perfetto's file: its process, the name of its track without the number behind it, and all that it says.

@@ -4,31 +4,13 @@
 use std::time::Duration;
 
 use fuseline_deadline::{
-    Accuracy, Case, Choice, End, Expected, Guard, Hazard, Loss, Metres, MetresPerSecond,
+    Case, Choice, End, Expected, Guard, Hazard, Loss, Metres, MetresPerSecond,
     MetresPerSecondSquared, Observation, Observations, Parameters, Policy as _, Reason, Situation,
-    Span, Survival, least_loss, mean_loss,
+    Span, least_loss, mean_loss,
 };
 use proptest::prelude::*;
 
-/// Four points of accuracy are worth 200 ms of waiting.
-const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
-
-fn ms(millis: u64) -> Duration {
-    Duration::from_millis(millis)
-}
-
-fn observation(millis: u64, is_answered: bool, count: u64) -> Observation {
-    Observation { response: ms(millis), is_answered, count }
-}
-
-fn survival<'a>(
-    observations: &[Observation],
-    under_way: &'a [Duration],
-) -> Survival<'a, impl Iterator<Item = Observation> + Clone + use<'a>> {
-    let mut sorted = observations.to_vec();
-    sorted.sort_by_key(Observation::key);
-    Survival::new(sorted.into_iter(), under_way)
-}
+use crate::expected::{ACCURACY, ms, observation, survival};
 
 fn observations() -> impl Strategy<Value = Vec<Observation>> {
     let some = (1..40_u64, any::<bool>(), 0..4_u64);

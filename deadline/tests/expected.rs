@@ -11,17 +11,17 @@ use fuseline_deadline::{
 
 const LOCAL_MS: u64 = 300;
 /// Four points of accuracy are worth 200 ms of waiting.
-const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
+pub(crate) const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
 
-fn ms(millis: u64) -> Duration {
+pub(crate) fn ms(millis: u64) -> Duration {
     Duration::from_millis(millis)
 }
 
-fn observation(millis: u64, is_answered: bool, count: u64) -> Observation {
+pub(crate) fn observation(millis: u64, is_answered: bool, count: u64) -> Observation {
     Observation { response: ms(millis), is_answered, count }
 }
 
-fn survival<'a>(
+pub(crate) fn survival<'a>(
     observations: &[Observation],
     under_way: &'a [Duration],
 ) -> Survival<'a, impl Iterator<Item = Observation> + Clone + use<'a>> {

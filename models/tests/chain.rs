@@ -9,7 +9,7 @@ use std::time::Duration;
 use fuseline_core::{Priority, Timestamp};
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_engine::{Budget, Reserve};
-use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+use fuseline_traces::{Cloud, Commit, Decision, Header, Input, nanos};
 use stateright::{Checker, Model, Property};
 
 /// The time from capture to the last output.
@@ -163,10 +163,6 @@ fn requested(state: &mut ChainState, operator: usize, t: u64, due: u64) {
     if due > message.captured + WITHIN - RESERVES[operator] {
         state.broken.push("E3");
     }
-}
-
-fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap()
 }
 
 impl ChainState {

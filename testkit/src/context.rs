@@ -72,6 +72,14 @@ impl RuleDecision {
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().chain(&self.own).map(|(decision, _)| decision)
     }
+
+    /// Returns the timestamp and the source of a result that is sent, by the input itself rather than by a timer.
+    pub(crate) fn sent(&self) -> Option<(u64, u64)> {
+        self.own.iter().chain(&self.fired).find_map(|(decision, _)| match decision {
+            Decision::Emit { t, p, .. } => Some((*t, *p)),
+            _ => None,
+        })
+    }
 }
 
 impl RunContext {

@@ -2,14 +2,14 @@
 //!
 //! [`Generator::run`] returns the same run for the same seed and number. The reference machine shows it where the edges are. It does not judge what an implementation makes of a run.
 
-use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+use fuseline_traces::{Cloud, Commit, Header, Input};
 
 use crate::context::RunContext;
 use crate::draw::Draw;
 use crate::run::Run;
 
 mod flood;
-mod wide;
+pub(crate) mod wide;
 
 use flood::DepartureOrder;
 
@@ -267,11 +267,7 @@ impl InputGenerator {
         self.inputs.push(input);
         let step = self.context.apply(&input);
         // A wrong machine might answer a second time, so this repeats the last decision's input.
-        let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
-            Decision::Emit { t, p, .. } => Some((*t, *p)),
-            _ => None,
-        });
-        if let Some((t, p)) = ended.filter(|_| self.draw.one_in(8)) {
+        if let Some((t, p)) = step.sent().filter(|_| self.draw.one_in(8)) {
             let at = self.context.now();
             self.inputs.push(Input::Result { at, t, p });
             self.context.apply(&Input::Result { at, t, p });

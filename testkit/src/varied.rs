@@ -2,7 +2,7 @@
 //!
 //! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what an implementation in another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers in a double, sets of a fixed size, and state that outlives its run.
 
-use fuseline_traces::{Commit, Decision, Header, Input};
+use fuseline_traces::{Commit, Header, Input};
 
 use crate::context::RunContext;
 use crate::draw::Draw;
@@ -146,11 +146,7 @@ impl<'a> RunWriter<'a> {
         self.inputs.push(input);
         let step = self.context.apply(&input);
         // A wrong machine might answer a second time, so this repeats the last decision's input.
-        let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
-            Decision::Emit { t, p, .. } => Some((*t, *p)),
-            _ => None,
-        });
-        if let Some((t, p)) = ended.filter(|_| self.draw.one_in(10)) {
+        if let Some((t, p)) = step.sent().filter(|_| self.draw.one_in(10)) {
             self.give(self.now(), t, p);
         }
     }

@@ -10,6 +10,18 @@ pub(crate) mod signal;
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
 
+/// Judges a trace as observed, and accepts what a short trace leaves in doubt.
+pub(crate) const OBSERVED: [&str; 8] = [
+    "check",
+    "--observed",
+    "--tolerance",
+    "1ms",
+    "--lateness",
+    "5ms",
+    "--accept",
+    "silent,blurred,endless",
+];
+
 /// The command with these arguments.
 pub(crate) fn fuseline(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline"));
@@ -25,6 +37,11 @@ pub(crate) fn run(args: &[&str], input: &str) -> Output {
     // It may end without reading everything.
     drop(child.stdin.take().unwrap().write_all(input.as_bytes()));
     child.wait_with_output().unwrap()
+}
+
+/// Returns an instant as Perfetto's file has it.
+pub(crate) fn micros(nanos: u64) -> String {
+    format!("{}.{:03}", nanos / 1000, nanos % 1000)
 }
 
 /// Returns what it printed.

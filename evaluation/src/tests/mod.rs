@@ -15,7 +15,7 @@ use crate::braking::DriveOutcome;
 use crate::operator::ScenarioOperator;
 
 /// The vehicle of the specification.
-const REFERENCE: Vehicle = Vehicle {
+pub(crate) const REFERENCE: Vehicle = Vehicle {
     deceleration: 7.5,
     brake_delay: 0.1,
     rate: 30.0,

@@ -4,20 +4,9 @@ use std::time::Duration;
 
 use crate::approach::{Approach, Vehicle};
 use crate::paper::PAPER;
+use crate::tests::REFERENCE as PIPELINED;
 use crate::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
 use crate::traffic_jam::narrow::{holds, misses};
-
-const PIPELINED: Vehicle = Vehicle {
-    deceleration: 7.5,
-    brake_delay: 0.1,
-    rate: 30.0,
-    frames: 3,
-    range_local: 39.0,
-    range_cloud: 57.0,
-    local_response: 0.3017,
-    local_serial: false,
-    reveal: None,
-};
 
 /// Returns the guard's deadline.
 pub(crate) fn guard(vehicle: &Vehicle, speed: f64) -> Duration {

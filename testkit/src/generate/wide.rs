@@ -64,10 +64,16 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
         let first = EDGES.get(draw.index(EDGES.len() + 1)).copied().unwrap_or(greatest);
         return (first..first + count).filter_map(|p| u16::try_from(p).ok()).collect();
     }
+    distinct_priorities(draw, count)
+}
+
+/// Returns `count` different priorities: any, or of all lengths.
+pub(crate) fn distinct_priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     let is_any = draw.one_in(2);
     let mut priorities = Vec::new();
     while (priorities.len() as u64) < count {
-        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.index(LENGTHS.len())] };
+        let (least, most) =
+            if is_any { (1, u64::from(u16::MAX)) } else { LENGTHS[draw.index(LENGTHS.len())] };
         let p = u16::try_from(draw.between(least, most)).unwrap_or(u16::MAX);
         if !priorities.contains(&p) {
             priorities.push(p);

@@ -5,6 +5,7 @@ use fuseline_traces::{Cloud, Commit, Header};
 
 use super::{FAMILY, RunKind, SALT, VariedGenerator};
 use crate::draw::Draw;
+use crate::generate::wide::distinct_priorities;
 
 /// The greatest window.
 const GREATEST: u64 = 1024;
@@ -12,8 +13,6 @@ const GREATEST: u64 = 1024;
 const EDGES: [u64; 8] = [1, 6, 95, 122, 250, 995, 9_995, 32_761];
 /// The distances between priorities.
 const STRIDES: [u64; 6] = [10, 16, 100, 256, 1_000, 4_096];
-/// The ranges of priorities of each length.
-const LENGTHS: [(u64, u64); 5] = [(1, 9), (10, 99), (100, 999), (1_000, 9_999), (10_000, 65_535)];
 
 impl VariedGenerator {
     /// Returns a header of a family. The first two are equal, the third differs in one thing, and the fourth
@@ -115,14 +114,5 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
         5 => return in_row(draw.between(1, 20), STRIDES[draw.index(STRIDES.len())]),
         _ => {}
     }
-    let is_any = draw.one_in(2);
-    let mut priorities = Vec::new();
-    while (priorities.len() as u64) < count {
-        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.index(LENGTHS.len())] };
-        let p = u16::try_from(draw.between(least, most)).unwrap_or(u16::MAX);
-        if !priorities.contains(&p) {
-            priorities.push(p);
-        }
-    }
-    priorities
+    distinct_priorities(draw, count)
 }
