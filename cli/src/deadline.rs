@@ -7,7 +7,6 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use csv::{ReaderBuilder, Trim};
 use fuseline_deadline::{
     Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Metres,
@@ -24,10 +23,8 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::sink::OutputSink;
+use crate::table::table;
 
-/// A line below the header and no other.
-const STYLE: TableStyle =
-    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 /// The columns of a file of observations; the last may be missing.
 const COLUMNS: [&str; 3] = ["response_s", "answered", "count"];
 
@@ -238,36 +235,20 @@ struct DeadlineTable<'a> {
 
 impl fmt::Display for DeadlineTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut table = Table::new();
-        table.load_style(STYLE).set_header([
-            "speed",
-            "local until",
-            "cloud until",
-            "guard",
-            "deadline",
-            "loss",
-            "case",
-        ]);
-        for row in self.rows {
+        let header = ["speed", "local until", "cloud until", "guard", "deadline", "loss", "case"];
+        let cells = |row: &SpeedRow| {
             let case = match row.why {
                 Case::LocalStops => "1: local alone stops",
                 Case::CloudAlone => "2: the cloud alone might",
                 Case::Unsure => "3: no later than local",
             };
-            table.add_row([
-                format!("{} m/s", row.speed),
-                format!("{:.4} s", row.budget_local),
-                format!("{:.4} s", row.budget_cloud),
-                format!("{:.4} s", row.guard),
-                format!("{:.4} s", row.deadline),
-                format!("{:.1}", row.loss),
-                case.to_owned(),
-            ]);
-        }
-        for column in table.column_iter_mut().take(6) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-        writeln!(f, "{}\n", table.trim_fmt())?;
+            let [local, cloud, guard, deadline] =
+                [row.budget_local, row.budget_cloud, row.guard, row.deadline]
+                    .map(|seconds| format!("{seconds:.4} s"));
+            let (speed, loss) = (format!("{} m/s", row.speed), format!("{:.1}", row.loss));
+            [speed, local, cloud, guard, deadline, loss, case.to_owned()]
+        };
+        writeln!(f, "{}\n", table(header, self.rows.iter().map(cells), 0..6))?;
         f.write_str(
             "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is\n\
             the longest safe deadline. The loss is the mean square of the speed at impact, in m²/s².",

@@ -34,6 +34,7 @@ mod run;
 mod scenario;
 mod serve;
 mod sink;
+mod table;
 mod tail;
 mod verdict;
 

@@ -8,6 +8,7 @@ use fuseline_traces::{Verdict, Violation};
 use textwrap::Options;
 
 use crate::exit::Exit;
+use crate::table::counted;
 
 /// The width of a rule's text, in columns.
 const WIDTH: usize = 96;
@@ -42,7 +43,7 @@ pub(crate) fn print_report(
     }
     match found.more {
         0 => Ok(()),
-        more => writeln!(out, "\n{} more not shown", count(more, "violation")),
+        more => writeln!(out, "\n{} more not shown", counted(more, "violation")),
     }
 }
 
@@ -57,13 +58,13 @@ pub(crate) fn print_summary(found: &Verdict, out: &mut impl Write) -> io::Result
     let word = found.in_short();
     let broken = match found.broken() {
         0 => String::new(),
-        violations => format!(" ({})", count(violations, "violation")),
+        violations => format!(" ({})", counted(violations, "violation")),
     };
     let open: Vec<_> = doubts.iter().filter(|doubt| !doubt.accepted).collect();
     let open: Vec<_> = open.iter().map(|it| format!("{} {}", it.count, it.kind)).collect();
     let in_doubt =
         if open.is_empty() { String::new() } else { format!("; in doubt: {}", open.join(", ")) };
-    let (judged, lines) = (count(*judged, "timestamp"), count(*lines, "line"));
+    let (judged, lines) = (counted(*judged, "timestamp"), counted(*lines, "line"));
     writeln!(out, "{file}: {style}{word}{style:#}{broken}, {judged} judged in {lines}{in_doubt}")
 }
 
@@ -111,8 +112,4 @@ pub(crate) fn print_violation(
         writeln!(out, "  {:<9} {line}", if i == 0 { "lines" } else { "" })?;
     }
     Ok(())
-}
-
-fn count(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }

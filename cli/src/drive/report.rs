@@ -18,6 +18,7 @@ use super::repeat::Need;
 use super::shrink::{DriveFinding, FindingKind};
 use super::text;
 use crate::exit::Exit;
+use crate::table::counted;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
 
 /// At most this many failed cases are named.
@@ -129,7 +130,12 @@ impl ReportedFinding {
         let reported = &self.finding.reported;
         let small = reported.inputs().count();
         let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
-        writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
+        writeln!(
+            out,
+            "\nThe smallest run found, {}{of}, from {}:",
+            counted(small as u64, "input"),
+            self.case
+        )?;
         if let Some(needs) = self.needs() {
             writeln!(out, "{needs}")?;
         }
@@ -382,8 +388,4 @@ fn print_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
     let options = Options::new(WIDTH).initial_indent(lead).subsequent_indent(INDENT);
     let options = options.word_splitter(WordSplitter::NoHyphenation);
     writeln!(out, "{}", textwrap::fill(fact, options))
-}
-
-fn inputs(count: usize) -> String {
-    if count == 1 { "1 input".to_owned() } else { format!("{count} inputs") }
 }

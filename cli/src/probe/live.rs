@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use crate::probe::log::ProbeLog;
 use crate::probe::options::Args;
-use crate::probe::summary::{counted, quantile};
+use crate::probe::summary::quantile;
 use crate::progress::ProgressLine;
+use crate::table::counted;
 
 /// The progress on standard error while the probe runs.
 pub(crate) struct ProbeProgress {

@@ -4,18 +4,14 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use fuseline_evaluation::duration::seconds;
 use fuseline_evaluation::{TripQuantiles, paper_round_trips};
 use serde::Serialize;
 
 use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
 use crate::probe::options::Args;
+use crate::table::{counted, percent, table};
 use fuseline_report::Quantile;
-
-/// A line below the header and no other.
-const STYLE: TableStyle =
-    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The result of a probe.
 #[derive(Debug, Serialize)]
@@ -94,22 +90,19 @@ impl fmt::Display for ProbeSummary {
         if missed > 0 {
             writeln!(f, "This machine was busy elsewhere and missed {}.", counted(missed, "slot"))?;
         }
-        let mut table = Table::new();
-        table.load_style(STYLE).set_header(["round trip", "p50", "p90", "p99", "max", "in time"]);
-        for (name, QuantileRow { p50, p90, p99, max }, of) in
-            [("answers", self.answers_ms, answered), ("slots", self.slots_ms, slots - missed)]
-        {
-            let cells = [p50, p90, p99, max].map(quantile);
-            table.add_row([name.to_owned()].into_iter().chain(cells).chain([percent(in_time, of)]));
-        }
+        let row = |name: &str, QuantileRow { p50, p90, p99, max }: QuantileRow, of| {
+            let [p50, p90, p99, max] = [p50, p90, p99, max].map(quantile);
+            [name.to_owned(), p50, p90, p99, max, percent(in_time, of)]
+        };
         let TripQuantiles { p50, p90, p99 } = self.paper_ms;
-        let cells = [p50, p90, p99].map(|ms| format!("{ms} ms"));
-        let paper = ["paper's 5G drive".to_owned()].into_iter().chain(cells);
-        table.add_row(paper.chain(["–".to_owned(), "–".to_owned()]));
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-        writeln!(f, "\n{}\n", table.trim_fmt())?;
+        let [p50, p90, p99] = [p50, p90, p99].map(|ms| format!("{ms} ms"));
+        let rows = [
+            row("answers", self.answers_ms, answered),
+            row("slots", self.slots_ms, slots - missed),
+            ["paper's 5G drive".to_owned(), p50, p90, p99, "–".to_owned(), "–".to_owned()],
+        ];
+        let header = ["round trip", "p50", "p90", "p99", "max", "in time"];
+        writeln!(f, "\n{}\n", table(header, rows, 1..6))?;
         writeln!(
             f,
             "Slots: a skipped one counts until its pause ends, and a failed one never ends.\n\
@@ -146,18 +139,6 @@ fn millis(at: Duration) -> String {
     let ms = at.as_secs_f64() * 1000.0;
     let decimals = usize::from(ms < 9.95);
     format!("{ms:.decimals$} ms")
-}
-
-pub(crate) fn counted(count: u64, noun: &str) -> String {
-    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "given to a tenth of a percent")]
-fn percent(part: u64, whole: u64) -> String {
-    if whole == 0 {
-        return "–".to_owned();
-    }
-    format!("{:.1} %", 100.0 * part as f64 / whole as f64)
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ fn run_and_page_report_what_the_operator_counted() {
             holds(row, tally, i == 0);
         }
 
-        let table = sources_table(&totals, |row| format!("source-{}", row.p)).to_string();
+        let table = sources_table(&totals, |row| format!("source-{}", row.p));
         let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
         assert_eq!(shown.len(), totals.rows.len());
         let page = data(&trace);

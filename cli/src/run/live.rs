@@ -8,7 +8,8 @@ use tokio::time::Instant;
 
 use crate::progress::ProgressLine;
 use crate::run::plan::RunPlan;
-use crate::run::table::{counted, secs};
+use crate::run::table::secs;
+use crate::table::counted;
 
 /// The progress on standard error while the camera runs.
 pub(crate) struct RunProgress<'a> {

@@ -22,6 +22,7 @@ use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
 use crate::run::sent::SentBytes;
 use crate::run::served::Served;
+use crate::table::share;
 
 /// The result of a run.
 #[derive(Debug, Serialize)]
@@ -324,12 +325,6 @@ fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static 
     let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);
     (has_broken && failures.contains_key(grpc::CallError::BROKE) && remote.url.starts_with("http:"))
         .then_some("if it speaks TLS, give an https URL and a ca")
-}
-
-/// Returns a part of a whole; 0 of nothing.
-#[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
-pub(crate) fn share(part: u64, whole: u64) -> f64 {
-    if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
 
 fn quantiles<S: Serializer>(

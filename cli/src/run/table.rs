@@ -3,11 +3,10 @@
 use std::fmt::{self, Write};
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-
 use crate::emulation::Outage;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
-use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
+use crate::run::report::{PolicyReport, RunReport, SourceReport};
+use crate::table::{counted, percent, share, table};
 use fuseline_evaluation::link::LinkWidth;
 use fuseline_evaluation::models::Model;
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
@@ -23,10 +22,6 @@ const OUTAGE: Duration = Duration::from_secs(1);
 const OPEN: usize = 6;
 /// At most this many outages of one cloud are shown.
 const OUTAGES: usize = 4;
-
-/// A line below the header and no other.
-const STYLE: TableStyle =
-    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The plan of a run, in words.
 pub(crate) struct PlanSummary<'a>(pub(crate) &'a RunPlan);
@@ -155,10 +150,12 @@ impl fmt::Display for RunReport {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
             format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
         };
-        writeln!(f, "{}\n", sources_table(&self.totals, name).trim_fmt())?;
+        writeln!(f, "{}\n", sources_table(&self.totals, name))?;
         f.write_str(&self.failures())?;
         writeln!(f, "{}\n", MessagesSentence(&self.totals))?;
-        writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
+        // The gain and the cost of fusion.
+        let policies = self.policies.iter().map(|policy| policy.row(self.compared));
+        writeln!(f, "{}\n", table(POLICY_COLUMNS, policies, 1..POLICY_COLUMNS.len()))?;
         for caveat in self.caveats() {
             writeln!(f, "{caveat}")?;
         }
@@ -262,16 +259,6 @@ impl RunReport {
         }
         if lines.is_empty() { lines } else { lines + "\n" }
     }
-
-    /// Returns the gain and the cost of fusion.
-    fn policies_table(&self) -> Table {
-        let mut table = table(POLICY_COLUMNS);
-        for policy in &self.policies {
-            table.add_row(policy.row(self.compared));
-        }
-        align(&mut table);
-        table
-    }
 }
 
 impl PolicyReport {
@@ -344,21 +331,18 @@ fn outwards(bound: f64, round: fn(f64) -> f64) -> f64 {
 
 /// Tabulates who answered, and what became of the requests, with the words of the statistics;
 /// `name` returns the name of a source.
-pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> String) -> Table {
+pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> String) -> String {
     // Most traces end with all decided.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
     let reported: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
     let words = reported.iter().map(|i| COLUMNS[*i].0);
-    let mut table = Table::new();
-    table.load_style(STYLE);
-    table.set_header(["source", "share"].into_iter().chain(words));
-    for row in &totals.rows {
-        let counts = reported.iter().map(|i| row.counts[*i].to_string());
+    let rows = totals.rows.iter().map(|row| {
+        let counts = reported.iter().map(move |i| row.counts[*i].to_string());
         let share = percent(row.forwarded(), totals.messages);
-        table.add_row([name(row), share].into_iter().chain(counts));
-    }
-    align(&mut table);
-    table
+        [name(row), share].into_iter().chain(counts)
+    });
+    let header = ["source", "share"].into_iter().chain(words);
+    table(header, rows, 1..reported.len() + 2)
 }
 
 /// Returns the options in force.
@@ -434,23 +418,6 @@ fn spans(outages: &[Outage]) -> String {
     text
 }
 
-fn table<const N: usize>(header: [&str; N]) -> Table {
-    let mut table = Table::new();
-    table.load_style(STYLE).set_header(header);
-    table
-}
-
-/// Numbers go to the right.
-fn align(table: &mut Table) {
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-}
-
-pub(crate) fn counted(count: u64, noun: &str) -> String {
-    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
-}
-
 /// Formats whole milliseconds.
 pub(crate) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
@@ -465,13 +432,6 @@ fn exact(duration: Duration) -> String {
 pub(crate) fn secs(duration: Duration) -> String {
     let decimals = usize::from(duration.subsec_millis() != 0);
     format!("{:.decimals$} s", duration.as_secs_f64())
-}
-
-fn percent(part: u64, whole: u64) -> String {
-    if whole == 0 {
-        return "–".to_owned();
-    }
-    format!("{:.1} %", 100.0 * share(part, whole))
 }
 
 #[expect(clippy::cast_precision_loss, reason = "a few hundred")]

@@ -40,3 +40,6 @@ mod probe;
 #[cfg(feature = "parsers")]
 #[path = "../../../cli/src/sink.rs"]
 mod sink;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/table.rs"]
+mod table;

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crate::probe::figures::Spread;
 use crate::probe::recording::PlotRow;
-use crate::probe::summary::{counted, quantile};
+use crate::probe::summary::quantile;
+use crate::table::counted;
 use fuseline_evaluation::paper_round_trips;
 
 /// The extent of a recording, from a first pass.

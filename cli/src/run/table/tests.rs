@@ -96,7 +96,7 @@ fn a_source_has_its_share_of_all_messages() {
         response: [None; 3],
         rows: vec![row(0, 10), row(1, 4), row(2, 16)],
     };
-    let table = sources_table(&totals, |row| format!("source {}", row.p)).to_string();
+    let table = sources_table(&totals, |row| format!("source {}", row.p));
     for (source, share) in [(0, "25.0 %"), (1, "10.0 %"), (2, "40.0 %")] {
         let line = table.lines().find(|line| line.contains(&format!("source {source}")));
         assert!(line.is_some_and(|line| line.contains(share)), "{table}");
@@ -409,7 +409,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
 fn open_requests_have_a_column_where_there_are_some() {
     let mut totals = reported().totals;
     totals.rows[1].counts[OPEN] = 9;
-    let text = lines(&sources_table(&totals, |row| format!("s{}", row.p)).to_string());
+    let text = lines(&sources_table(&totals, |row| format!("s{}", row.p)));
     assert_eq!(
         text[0],
         "source share requests forwarded discarded late failed superseded open refused"
