@@ -143,14 +143,6 @@ struct NetworksParameters {
 pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: NetworksParameters,
-    #[serde(skip)]
-    drives: Vec<String>,
-    #[serde(skip)]
-    speeds: Vec<f64>,
-    #[serde(skip)]
-    policies: Vec<ResponsePolicy>,
-    #[serde(skip)]
-    starts: u32,
     rows: Vec<DriveRow>,
 }
 
@@ -170,10 +162,6 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     let result = NetworksResult {
         scenario: "networks",
         parameters: args.parameters(),
-        drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
-        speeds: args.speed.clone(),
-        policies: args.policy.clone(),
-        starts: args.starts,
         rows: setting.rows(&drives)?,
     };
     let shown = (&result, &*text::text(&result));

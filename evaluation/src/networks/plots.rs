@@ -44,7 +44,7 @@ struct PlotView {
 
 impl PlotView {
     fn plot(self, result: &NetworksResult, caption: String) -> Plot {
-        let mut speeds = result.speeds.clone();
+        let mut speeds = result.parameters.speed.clone();
         speeds.sort_by(f64::total_cmp);
         let rows = result.rows.clone();
         let of = self.of;
@@ -52,8 +52,8 @@ impl PlotView {
             speeds.iter().map(|speed| (*speed, mean(&rows, Some(*speed), policy, of))).collect()
         };
         let curves: Vec<(ResponsePolicy, Vec<(f64, f64)>)> =
-            result.policies.iter().map(|policy| (*policy, curve(*policy))).collect();
-        let x = span(&result.speeds);
+            result.parameters.policy.iter().map(|policy| (*policy, curve(*policy))).collect();
+        let x = span(&result.parameters.speed);
         let top = top(&curves);
         Plot::new(self.name, caption, move |theme| {
             canvas(theme, (860, 500), self.words, |canvas| {

@@ -55,13 +55,13 @@ fn table(
     of: fn(&DriveRow) -> f64,
 ) -> std::fmt::Result {
     write!(text, "{title:<NAME$}")?;
-    for policy in &result.policies {
+    for policy in &result.parameters.policy {
         write!(text, "{:>CELL$}", name(*policy))?;
     }
-    writeln!(text, "\n{}", "─".repeat(NAME + CELL * result.policies.len()))?;
-    for speed in &result.speeds {
+    writeln!(text, "\n{}", "─".repeat(NAME + CELL * result.parameters.policy.len()))?;
+    for speed in &result.parameters.speed {
         write!(text, "{:<NAME$}", format!("{speed} m/s"))?;
-        for policy in &result.policies {
+        for policy in &result.parameters.policy {
             let value = mean(&result.rows, Some(*speed), *policy, of);
             let cell = format!("{value:>CELL$.1}");
             text.push_str(&if value == 0.0 { paint(GOOD, &cell) } else { cell });
@@ -69,14 +69,14 @@ fn table(
         writeln!(text)?;
     }
     write!(text, "{:<NAME$}", "mean")?;
-    for policy in &result.policies {
+    for policy in &result.parameters.policy {
         write!(text, "{:>CELL$.1}", mean(&result.rows, None, *policy, of))?;
     }
     writeln!(text, "\n")
 }
 
 fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
-    let drives = result.drives.len();
+    let drives = result.parameters.drive.len();
     writeln!(
         text,
         "Means over {} of {} starts each. Collisions: how many\n\
@@ -87,12 +87,12 @@ fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
         } else {
             format!("{drives} recorded drives")
         },
-        result.starts
+        result.parameters.starts
     )?;
-    if !result.policies.contains(&ResponsePolicy::Local) {
+    if !result.parameters.policy.contains(&ResponsePolicy::Local) {
         return Ok(());
     }
-    let others = result.policies.iter().filter(|policy| **policy != ResponsePolicy::Local);
+    let others = result.parameters.policy.iter().filter(|policy| **policy != ResponsePolicy::Local);
     let worse: Vec<String> = others
         .map(|policy| {
             let count = worse(&result.rows, *policy);
@@ -105,7 +105,7 @@ fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
         "\nPairs of drive and speed, out of {}, that collide more often than local alone:\n\
          {}.\n\
          The paper has no such table: its responses are constant, up to 3 s.",
-        drives * result.speeds.len(),
+        drives * result.parameters.speed.len(),
         worse.join(", ")
     )
 }

@@ -131,10 +131,6 @@ struct TrafficJamParameters {
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: TrafficJamParameters,
-    #[serde(skip)]
-    responses: Vec<f64>,
-    #[serde(skip)]
-    approaches: Vec<Approach>,
     /// Places of the obstacle between two frames.
     phases: usize,
     cells: Vec<Cell>,
@@ -178,8 +174,6 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     let result = TrafficJamResult {
         scenario: "traffic-jam",
         parameters: args.parameters(),
-        responses: args.response.clone(),
-        approaches: args.approach.clone(),
         phases: jam.phases().len(),
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,

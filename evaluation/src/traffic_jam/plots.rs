@@ -27,7 +27,7 @@ pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
 }
 
 fn table(result: &TrafficJamResult) -> Plot {
-    let TrafficJamResult { responses, cells, .. } = result.clone();
+    let (responses, cells) = (result.parameters.response.clone(), result.cells.clone());
     let marked: Vec<bool> = cells.iter().map(|cell| result.is_harder(cell)).collect();
     let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
                    greatest speed at impact. A cross in a corner marks a cell that differs from the paper's; a star one in which ours hits harder \

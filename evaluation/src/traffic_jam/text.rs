@@ -26,7 +26,8 @@ pub(crate) fn text(result: &TrafficJamResult) -> String {
 }
 
 fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
-    let TrafficJamResult { responses, cells, phases, .. } = result;
+    let TrafficJamResult { cells, phases, parameters, .. } = result;
+    let responses = &parameters.response;
     write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
@@ -36,7 +37,7 @@ fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
     for row in cells.chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
     {
         let [first, ..] = row else { continue };
-        let is_new = first.approach == result.approaches[0];
+        let is_new = first.approach == parameters.approach[0];
         let speed = if is_new { format!("{}", first.speed) } else { String::new() };
         let (word, deadline) = (word(first.approach), deadline(row));
         write!(text, "{speed:>4}  {word:<8} {deadline:>8} ")?;
