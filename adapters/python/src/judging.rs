@@ -6,7 +6,8 @@ use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{
-    Annotations, Cloud, Decision, Event, Events, Header, HeldValues, Input, Origin, Verdict, Violation,
+    Annotations, Cloud, Decision, Event, Events, Header, HeldValues, Input, Origin, Verdict,
+    Violation,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
