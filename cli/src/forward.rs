@@ -84,8 +84,8 @@ impl RecordedNetwork {
         Self { drive, start, began: OnceLock::new() }
     }
 
-    /// Returns how long a call that is made now takes there and back. Never ready if the call never
-    /// is back.
+    /// Returns how long a call that is made now takes there and back. It never is ready if the call
+    /// does not come back.
     async fn ways(&self) -> [Duration; 2] {
         let moment = self.began.get_or_init(Instant::now).elapsed();
         match self.drive.round_trip(self.start + moment) {

@@ -293,7 +293,7 @@ impl From<ToleranceError> for Fault {
     }
 }
 
-/// Returns a span of time, perhaps after the source that it is for.
+/// Reads a span of time, perhaps after the source that it is for.
 fn tolerance(text: &str) -> Result<Tolerance, String> {
     let (source, span) = match text.rsplit_once('=') {
         Some((source, span)) => (Some(source.to_owned()), span),
@@ -320,7 +320,7 @@ fn known(header: &Header) -> String {
     ["local".to_owned()].into_iter().chain(clouds).collect::<Vec<_>>().join(", ")
 }
 
-/// Returns a span of time with its unit.
+/// Reads a span of time with its unit.
 fn time(text: &str) -> Result<Duration, String> {
     duration(text, "2ms", &ANY)
 }

@@ -27,7 +27,7 @@ pub struct LinkArgs {
 pub struct LinkWidth {
     /// Bits in a second, where the drive does not say; none: no limit.
     pub uplink: Option<u64>,
-    /// The rate of the downlink.
+    /// Bits in a second of the downlink, where the drive does not say; none: no limit.
     pub downlink: Option<u64>,
     /// The number of bytes that may wait for each.
     pub queue_bytes: u64,

@@ -128,7 +128,7 @@ impl Model {
         paper.is_ok_and(|paper| paper.runtime == self.runtime)
     }
 
-    /// Returns the shortest and the longest that it takes.
+    /// Returns the shortest and the longest runtime.
     #[must_use]
     pub fn runtimes(&self) -> (Duration, Duration) {
         let runtime = nanos(self.runtime);

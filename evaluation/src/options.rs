@@ -142,7 +142,7 @@ pub(crate) fn not_below_0(text: &str) -> Result<f64, String> {
     number(text, |number| (0.0..=GREATEST).contains(&number), "from 0 to 100000")
 }
 
-/// Returns a time, in s.
+/// Reads a time, in s.
 pub(crate) fn time(text: &str) -> Result<f64, String> {
     duration(text, "0.5s", &(Duration::ZERO..=LONGEST)).map(seconds)
 }
@@ -151,7 +151,7 @@ pub(crate) fn time_above_0(text: &str) -> Result<f64, String> {
     duration(text, "0.5s", &(SHORTEST..=LONGEST)).map(seconds)
 }
 
-/// Returns a time that may be negative, in s.
+/// Reads a time that may be negative, in s.
 pub(crate) fn signed_time(text: &str) -> Result<f64, String> {
     text.trim().strip_prefix('-').map_or_else(|| time(text), |text| time(text).map(|time| -time))
 }

@@ -40,7 +40,7 @@ const served = (traces) => unique(traces.flatMap(({ sources }) => sources.map(na
   return rows.length === 0 ? undefined : share(rows.reduce((sum, { counts: [, forwarded] }) => sum + forwarded, 0), account.messages);
 }]);
 
-/** Returns fusion's row: the columns of the table of policies that no other policy has a count for. */
+/** Returns fusion's figures: for each column of the table of policies, its name and how to find its value. */
 function scores(traces) {
   const columns = unique(traces.flatMap(({ run }) => run?.policies.columns.slice(1) ?? []));
   return columns.map((column) => [`Fusion: ${column}`, ({ run }) => run?.policies.rows[0]?.[run.policies.columns.indexOf(column)]]);

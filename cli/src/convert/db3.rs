@@ -143,8 +143,8 @@ impl Recording for Db3Messages {
     }
 }
 
-/// Returns whether the name is that of a table. A view or a virtual table is none, because it could
-/// compute without end.
+/// Returns whether the name is that of an ordinary table. A view or a virtual table does not count,
+/// because it could compute without end.
 fn has_table(connection: &Connection, name: &str) -> Result<bool, rusqlite::Error> {
     let stored = "SELECT 1 FROM sqlite_master \
                   WHERE type = 'table' AND name = ?1 AND sql LIKE 'CREATE TABLE %'";

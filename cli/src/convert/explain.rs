@@ -232,7 +232,7 @@ impl Facts {
         (up_to((2 * median).max(MS), 10), why)
     }
 
-    /// Returns the commands that follow.
+    /// Prints the commands that follow.
     fn commands(&self, has_header: bool, is_split: bool, file: &str, screen: &mut Screen) {
         let given = std::env::args().skip(1).filter(|it| it != "--explain");
         let quoted = given.map(|it| shlex::try_quote(&it).map_or(it.clone(), Into::into));

@@ -334,7 +334,7 @@ impl Mapping<'_> {
         Ok(time.nanos)
     }
 
-    /// Returns a value that cannot be read, by the user's own name for it.
+    /// Returns the problem of a value that cannot be read, which has the user's own name for it.
     fn wrong(row: &Row, view: &View<'_>, key: &str, text: &str, why: &str) -> Problem {
         let (_, noun) = view.kind.option_and_noun();
         let is_none = time::is_no_value(text) || text == "-1" && !why.contains("--missing");
@@ -343,7 +343,7 @@ impl Mapping<'_> {
         Problem::at(&row.place, format!("{noun} {name:?}: {text:?} is {why}{remedy}"))
     }
 
-    /// Returns a key that a row lacks, by the user's own name for it.
+    /// Returns the problem of a key that a row lacks, which has the user's own name for it.
     fn lacking(row: &Row, view: &View<'_>, key: &str, ev: &str) -> Problem {
         let of = if ev == "row" { String::new() } else { format!(" of this {ev}") };
         let ((option, noun), name) = (view.kind.option_and_noun(), view.name(key));

@@ -126,7 +126,7 @@ impl Problem {
         Self { place: place.clone(), message: message + remedy, kind }
     }
 
-    /// Returns a file of which no more can be read, maybe because it was cut off.
+    /// Returns the problem of a file of which no more can be read, maybe because it was cut off.
     pub(super) fn of_read(place: &Place, error: &std::io::Error) -> Self {
         let is_cut = error.kind() == std::io::ErrorKind::UnexpectedEof;
         let kind = if is_cut { ProblemKind::Cut } else { ProblemKind::File };

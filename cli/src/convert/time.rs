@@ -62,7 +62,7 @@ impl fmt::Display for Id {
     }
 }
 
-/// Returns a duration: a number in the unit or with its own, such as `5ms`.
+/// Reads a duration: a number in the unit or with its own, such as `5ms`.
 pub(super) fn duration(text: &str, unit: Unit) -> Result<Time, String> {
     let (name, digits) = unit.described();
     let time = decimal(text, digits).or_else(|| with_unit(text));
@@ -76,13 +76,13 @@ pub(super) fn duration(text: &str, unit: Unit) -> Result<Time, String> {
     Ok(time)
 }
 
-/// Returns a duration in an option, such as `40ms`, `0.5s` or `1m 30s`, in nanoseconds.
+/// Reads a duration in an option, such as `40ms`, `0.5s` or `1m 30s`, in nanoseconds.
 pub(super) fn stated(text: &str) -> Option<u64> {
     let long = || i128::try_from(humantime::parse_duration(text).ok()?.as_nanos()).ok();
     u64::try_from(with_unit(text).map(|time| time.nanos).or_else(long)?).ok()
 }
 
-/// Returns an instant: a number in the unit or with its own, or a time of day.
+/// Reads an instant: a number in the unit or with its own, or a time of day.
 pub(super) fn instant(text: &str, unit: Unit) -> Result<Time, String> {
     let (name, digits) = unit.described();
     let time = decimal(text, digits).or_else(|| with_unit(text)).or_else(|| time_of_day(text));
@@ -114,7 +114,7 @@ pub(super) fn id(text: &str) -> Result<Id, String> {
     Ok(time.and_then(whole).map_or_else(|| Id::Text(text.into()), Id::Number))
 }
 
-/// Returns a whole number, such as `3` or `3.0`.
+/// Reads a whole number, such as `3` or `3.0`.
 pub(super) fn number(text: &str) -> Result<u64, String> {
     let number = decimal(text, 0).and_then(whole);
     number.ok_or_else(|| "no number; it takes a whole one from 0 to 2^64 - 1".to_owned())
@@ -136,7 +136,7 @@ pub(super) fn none_of(text: &str) -> String {
     format!("if it stands for no value, say so with --missing={text}")
 }
 
-/// Returns a number with its unit, such as `0.5s`.
+/// Reads a number with its unit, such as `0.5s`.
 fn with_unit(text: &str) -> Option<Time> {
     let units = [("µs", Unit::Us, 3), ("μs", Unit::Us, 3)].into_iter().chain(Unit::ALL);
     let mut read =
@@ -144,7 +144,7 @@ fn with_unit(text: &str) -> Option<Time> {
     read.next()
 }
 
-/// Returns a decimal number of units that have this many digits more, rounded to a whole one: with a sign, with a point or a comma, with
+/// Reads a decimal number of units that have this many digits more, rounded to a whole one: with a sign, with a point or a comma, with
 /// an exponent.
 fn decimal(text: &str, digits: i32) -> Option<Time> {
     let text = text.trim();
@@ -182,7 +182,7 @@ fn decimal(text: &str, digits: i32) -> Option<Time> {
     Some(Time { nanos, is_rounded, has_comma, lacks_zone: false })
 }
 
-/// Returns a time of day since 1970, as ISO 8601 and RFC 3339 write it, and as Python's and pandas' loggers do: also with a space for the
+/// Reads a time of day since 1970, as ISO 8601 and RFC 3339 write it, and as Python's and pandas' loggers do: also with a space for the
 /// T, a comma for the point, with UTC or GMT at its end, or without a zone, which is UTC too.
 fn time_of_day(text: &str) -> Option<Time> {
     let text = text.trim().replacen(',', ".", 1).replace("GMT", "UTC");

@@ -234,7 +234,7 @@ pub(super) fn write_recording(
     })
 }
 
-/// Returns a log without a header.
+/// Returns the problem of a log without a header.
 pub(super) fn no_header(file: &LogFile) -> Problem {
     let message = "no header; give one with --header FILE, a file that begins with {\"fuseline\":1,…}; --write-header makes one";
     Problem::of_file(&file.name, message)

@@ -28,7 +28,7 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
     }
 }
 
-/// Returns a command that could not be started.
+/// Returns the verdict on a command that could not be started.
 pub(super) fn not_started(name: &str, why: &str) -> Subject {
     let (name, verdict) = (name.to_owned(), Err(why.to_owned()));
     Subject { name, conforms: false, verdict, problems: Vec::new() }

@@ -186,7 +186,8 @@ fn cost(run: &Run) -> (usize, usize, usize, u128) {
     (inputs.len(), clouds.len(), whole, names.map(u128::from).sum())
 }
 
-/// Returns how hard a number is to read: its digits, fewer if it ends in zeros.
+/// Returns how hard a number is to read: two for each digit, and one less if only the first digit is
+/// not 0.
 fn digits(number: u64) -> usize {
     let text = number.to_string();
     2 * text.len() - usize::from(text.len() > 1 && text.trim_end_matches('0').len() == 1)

@@ -15,7 +15,7 @@ RATE = 7.0
 
 
 def extract(video: Path, folder: Path) -> list[Path]:
-    """Returns each frame as a file; those that are there stay."""
+    """Writes each frame to a file, and returns the files. Files that are there stay."""
     if files := jpegs(folder):
         return files
     part = folder.with_name(f"{folder.name}.part")

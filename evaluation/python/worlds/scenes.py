@@ -80,7 +80,7 @@ class Jam:
 
     @classmethod
     def draw(cls, rng: random.Random) -> Jam:
-        """Returns a jam by chance."""
+        """Draws a jam."""
         speed = rng.uniform(11.0, 26.0)
         lead = (
             (speed * rng.uniform(0.9, 2.0), rng.uniform(25.0, 60.0)) if rng.random() < 0.5 else None
@@ -160,7 +160,7 @@ class Meeting:
 
     @classmethod
     def draw_runner(cls, rng: random.Random) -> Meeting:
-        """Returns a car that runs a red light, by chance."""
+        """Draws a car that runs a red light."""
         corner = (rng.uniform(5.0, 14.0), rng.uniform(4.0, 10.0))
         return cls(
             rng.uniform(9.0, 16.0),
@@ -173,7 +173,7 @@ class Meeting:
 
     @classmethod
     def draw_person(cls, rng: random.Random) -> Meeting:
-        """Returns a person who steps out between what is parked, by chance."""
+        """Draws a person who steps out between parked vehicles."""
         corner = (rng.uniform(2.5, 4.5), rng.uniform(0.8, 2.0))
         return cls(
             rng.uniform(6.0, 14.0),
@@ -222,7 +222,7 @@ class Meeting:
         return None if passed or hazard.speed < 0.1 else _in_view(world, ego, ())
 
     def reveal(self, world: World, ego: Pose) -> float | None:
-        """Returns the way of whatever comes from behind the building, until ego is past it."""
+        """Returns the distance to the way of whatever comes from behind the building; 0 once ego is past it."""
         return max(0.0, self._x - ego.front[0])
 
     def shared(self, world: World) -> Pose | None:

@@ -47,7 +47,7 @@ class SwerveInSumo(unittest.TestCase):
 
 
 class Sharing(unittest.TestCase):
-    """Returns when a shared location makes ego brake."""
+    """Tests when a shared location makes ego brake."""
 
     def test_a_runner_is_one_that_cannot_stop_and_meets_ego_soon(self) -> None:
         scene = Meeting(12.0, "car", 14.0, 0.0, (8.0, 6.0))

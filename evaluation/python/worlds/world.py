@@ -207,7 +207,7 @@ class World:
 
 @contextmanager
 def running(network: str, kinds: dict[str, Kind]) -> Iterator[World]:
-    """Returns a simulation, ended with the block."""
+    """Yields a simulation, which ends with the block."""
     options = {
         "net-file": _network(network),
         "step-length": STEP,

@@ -155,7 +155,7 @@ impl Swerve {
 mod tests {
     use super::*;
 
-    /// Returns the single track's equations, in the small steps of time of Euler.
+    /// Solves the single track's equations by Euler's method, in small steps of time.
     fn stepped(speed: f64, lateral: f64, rate: f64, after: f64) -> (Point, f64) {
         const STEPS: u32 = 400_000;
         let step = after / f64::from(STEPS);

@@ -16,7 +16,7 @@ pub(crate) fn text(result: &JaywalkingResult) -> String {
     })
 }
 
-/// Returns the events that may happen, and whether their plans are ready.
+/// Writes the events that may happen, and whether their plans are ready.
 fn hypotheses(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {
     let Some(mean) = result.mean_response else { return Ok(()) };
     writeln!(text, "\nIf something else happens, with plans requested the likeliest first:")?;

@@ -234,7 +234,7 @@ impl Crossing<'_> {
     }
 }
 
-/// Returns the instant of the time before the meeting, to a nanosecond.
+/// Returns how long before the meeting `bite` is, to a nanosecond.
 fn before(bite: f64) -> f64 {
     ((MEETING - bite) * 1e9).round() / 1e9
 }

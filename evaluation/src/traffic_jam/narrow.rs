@@ -174,7 +174,8 @@ pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, ScenarioEr
     PAPER.traffic_jam.speeds().into_iter().map(of).collect()
 }
 
-/// Returns where the paper's picture is: the cloud at the median response avoids, its model on board does not.
+/// Returns the speeds at which the paper's picture holds: the cloud at the median response avoids
+/// the collision, and its model on board does not.
 pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, ScenarioError> {
     let board = Vehicle { local_serial: false, ..vehicle.with_model_on_board(ON_BOARD) };
     let above = first(|speed| Ok(colour(board, Approach::Local, speed, 0.0)? == Colour::Collides))?;

@@ -51,7 +51,7 @@ impl ConstantPolicy {
     /// Returns the response and whose result may be there before `in_time`, whatever the unknown arrivals
     /// are.
     ///
-    /// With one deadline for all requests, the machine forwards the best result that arrives before all better
+    /// With one deadline for all requests, the machine forwards the best result that arrives before it, once all better
     /// sources have failed or are due. If there is none, it forwards local's result, whenever that arrives.
     pub(super) fn bounds(
         &self,

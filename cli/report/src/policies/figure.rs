@@ -38,7 +38,7 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
         (self.at_least == self.at_most).then_some(self.at_least)
     }
 
-    /// Returns the bounds mapped, by what keeps their order.
+    /// Maps both bounds by a function that keeps their order.
     #[must_use]
     pub fn map<U>(self, map: impl Fn(T) -> U) -> BoundedFigure<U> {
         BoundedFigure { at_least: map(self.at_least), at_most: map(self.at_most) }
@@ -58,7 +58,7 @@ impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
 }
 
 impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
-    /// Returns the number; `{"at_least":…,"at_most":…}` where it is not known.
+    /// Writes the number, or `{"at_least":…,"at_most":…}` if it is not known.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let Self { at_least, at_most } = *self;
         let bounds = WrittenFigure::Bounds { at_least, at_most };

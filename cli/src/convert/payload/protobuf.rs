@@ -56,7 +56,7 @@ fn gather(outer: &str, message: &DynamicMessage, depth: usize, cells: &mut Cells
     }
 }
 
-/// Returns a `Timestamp` or `Duration`.
+/// Reads a `Timestamp` or `Duration`. Returns `None` for any other message.
 fn time(message: &DynamicMessage) -> Option<String> {
     let of = message.descriptor();
     if !matches!(of.full_name(), "google.protobuf.Timestamp" | "google.protobuf.Duration") {
