@@ -3,7 +3,7 @@
 use clap::builder::StyledStr;
 use clap::{Arg, Command};
 
-/// Returns the command with such a help, and so each of its subcommands.
+/// Returns the command with a help that people can read, and does the same to its subcommands.
 pub(crate) fn readable(command: Command) -> Command {
     let texts = [command.get_about(), command.get_long_about(), command.get_after_help()];
     let [about, long_about, after] = texts.map(|text| text.map(to_text));

@@ -27,8 +27,7 @@ static INTERRUPT: OnceLock<Interrupt> = OnceLock::new();
 impl Interrupt {
     /// From now on Ctrl-C and termination no longer end the process but set this.
     ///
-    /// Watches for the signals. If the system refuses a handler, the signals end the command as
-    /// before.
+    /// If the system refuses a handler, they end the command as before.
     pub(crate) fn watch() -> Self {
         INTERRUPT
             .get_or_init(|| {

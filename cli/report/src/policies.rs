@@ -78,8 +78,8 @@ struct PolicyChoice {
 }
 
 impl ComparedPolicy {
-    /// Returns the part of all admitted requests that the policy needs, by source. It is `None` for fusion, which
-    /// cancels some requests before they are sent, whatever their deadlines are.
+    /// Returns how much the policy needs of `all`, which is what the admitted requests to each source need. It is
+    /// `None` for fusion, which cancels some requests before they are sent, whatever its deadlines are.
     #[must_use]
     pub fn needs(&self, all: &[u64]) -> Option<u64> {
         match *self {
@@ -151,7 +151,7 @@ impl ComparedPolicy {
     }
 }
 
-/// Returns the outputs that are certain.
+/// Returns the choice of a policy whose output is known.
 fn put_out(
     arrivals: &[ArrivalTime],
     forwarded: Option<ForwardedOutput>,

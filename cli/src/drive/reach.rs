@@ -17,9 +17,9 @@ const HOUR: u64 = 3_600_000_000_000;
 const SHUT: usize = 1_000;
 /// A run of more inputs overflows a count of 16 bits.
 const COUNTED: usize = 65_536;
-/// The advice to reach rare cases is this many times the inputs.
+/// The advice to reach rare cases names this many times the inputs.
 const TIMES: u64 = 10;
-/// The advice is at least this many times `TIMES` inputs.
+/// The advice counts fewer inputs than this as this many.
 const LEAST: u64 = 100_000;
 const FULL: &str = "a full window of 1,024";
 

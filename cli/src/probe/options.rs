@@ -114,7 +114,7 @@ impl Args {
         })
     }
 
-    /// Returns the server, with the clients that `--serve` lets in.
+    /// Returns the server of `--serve`, with what it demands of clients.
     ///
     /// # Errors
     /// If a file that it is described with is of no use.

@@ -165,7 +165,7 @@ pub(crate) fn adjust(
     Ok(())
 }
 
-/// Returns the drive and start of the cloud of that name.
+/// Finds the drive and start of the cloud of that name, to change them.
 fn find<'a>(
     option: &'static str,
     clouds: &'a mut [CloudOptions],

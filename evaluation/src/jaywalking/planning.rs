@@ -116,7 +116,7 @@ impl Planning {
     }
 
     /// Plays the drive with several hypotheses, of which one comes true. Their plans are requested
-    /// in their order, `plans_at_once` at a time. Returns the response, and whether the plan was
+    /// in their order, `at_once` at a time. Returns the response, and whether the plan was
     /// cached.
     pub(crate) fn with_hypotheses(
         &self,

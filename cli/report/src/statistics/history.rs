@@ -130,8 +130,8 @@ impl RequestHistory {
         }
     }
 
-    /// Returns how the request ceased to be pending, if it did. It uses the request's own lines, and the end of its
-    /// message (`end`) only if no decision shows it.
+    /// Returns how the request ceased to be pending, if it did. If no decision shows it, and the end of its message
+    /// (`end`) is given, the request's own lines tell.
     pub(super) fn outcome(mut self, end: Option<CallEnd>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);
