@@ -54,7 +54,7 @@ pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
     Ok(bytes)
 }
 
-/// Returns the content that was found instead.
+/// Says what was found instead, if that is known.
 fn hint(found: &[u8]) -> &'static str {
     if CertificateDer::from_pem_slice(found).is_ok() {
         " (this is a certificate)"

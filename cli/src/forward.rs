@@ -84,7 +84,7 @@ impl RecordedNetwork {
         Self { drive, start, began: OnceLock::new() }
     }
 
-    /// Returns how long a call that is made now takes there and back. It never is ready if the call
+    /// Returns how long a call that is made now takes there and back. It is never ready if the call
     /// does not come back.
     async fn ways(&self) -> [Duration; 2] {
         let moment = self.began.get_or_init(Instant::now).elapsed();

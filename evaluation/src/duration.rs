@@ -43,7 +43,7 @@ pub fn seconds(duration: Duration) -> f64 {
     duration.as_nanos() as f64 / 1e9
 }
 
-/// Returns a number with or without a fraction and one unit, exactly; what is below a nanosecond is left out.
+/// Reads a number with or without a fraction and one unit, exactly; what is below a nanosecond is left out.
 fn decimal(text: &str) -> Option<Duration> {
     let digits = text.find(|it: char| !it.is_ascii_digit() && it != '.')?;
     let (number, unit) = text.split_at(digits);

@@ -76,7 +76,7 @@ pub enum ScenarioError {
     Traces {
         /// The number of runs that are wanted.
         runs: usize,
-        /// The greatest number that is left.
+        /// The greatest number of traces that a folder takes.
         most: usize,
     },
     /// A drive cannot be read.

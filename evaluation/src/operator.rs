@@ -102,7 +102,7 @@ impl ScenarioOperator {
         Self::gated(name, messages, is_traced, None)
     }
 
-    /// The same, with a gate that shuts when this many requests are under way.
+    /// Returns an operator with a gate that shuts when this many requests are under way.
     pub(crate) fn gated(name: &str, messages: f64, is_traced: bool, limit: Option<u64>) -> Self {
         let is_gated = limit.is_some();
         let limit = limit.unwrap_or(NO_LIMIT);

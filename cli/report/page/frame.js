@@ -43,7 +43,7 @@ function stage(trace, number, k, taken) {
   return { number, k, operator: operator ?? file, taken, sent: taken + end[k] - start[k], by, became };
 }
 
-/** Tells what its time went to, one after the other: in an operator, or before it. What several took at once is counted once. */
+/** Returns what its time went to, one after the other: in an operator, or before it. What several took at once is counted once. */
 function spans(stages) {
   let done = 0;
   return stages.flatMap(({ operator, taken, sent }) => {

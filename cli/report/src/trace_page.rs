@@ -14,7 +14,7 @@ use crate::part::{PartFilter, TraceRange};
 /// A page of one trace holds at most this many events. Of a longer trace it shows and counts the first ones, and says
 /// so. The verdict covers the whole trace.
 pub const MOST_EVENTS: usize = 1_250_000;
-/// A trace takes such a part of what a page can hold of several, which so never is full.
+/// Each trace may use one eighth of the room that is left, so the room never runs out.
 const PART: usize = 8;
 
 /// A page about traces.

@@ -138,7 +138,7 @@ impl Problem {
         self.message.split("; ").next().unwrap_or_default().to_owned()
     }
 
-    /// Returns the remedy, or empty if the message has none.
+    /// Returns the remedy, or an empty text if the message has none.
     pub(super) fn remedy(&self) -> &str {
         self.message.split_once("; ").map_or("", |(_, remedy)| remedy)
     }

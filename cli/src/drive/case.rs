@@ -74,7 +74,7 @@ impl GeneratorVersion {
 }
 
 impl Generate {
-    /// Returns the most clouds of a run.
+    /// Returns the greatest number of clouds of a run.
     pub(super) fn most_clouds(self) -> u8 {
         self.clouds.unwrap_or(MOST_CLOUDS)
     }

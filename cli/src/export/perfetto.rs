@@ -86,7 +86,7 @@ struct TraceEvent<'a, A> {
     tid: u32,
 }
 
-/// Returns an event's name.
+/// An event's name, written from its parts.
 struct EventName<'a> {
     t: u64,
     label: &'a str,
@@ -96,7 +96,7 @@ struct EventName<'a> {
 #[derive(Serialize)]
 struct OrNull(Option<u64>);
 
-/// Returns the text of a call's slice.
+/// The arguments of a call's slice.
 #[derive(Serialize)]
 struct CallArgs<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -113,7 +113,7 @@ struct CallArgs<'a> {
     t: u64,
 }
 
-/// Returns the text of an instant.
+/// The arguments of an instant.
 #[derive(Serialize)]
 struct InstantArgs {
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -83,7 +83,7 @@ impl Spread {
         self.never += 1;
     }
 
-    /// Returns the nearest rank; none if nothing was added.
+    /// Returns a quantile by nearest rank, or `None` if nothing was added.
     pub(crate) fn quantile(&self, percent: u64) -> Option<Quantile> {
         let rank = ((self.times.len() + self.never) * percent).div_ceil(100);
         if rank == 0 {

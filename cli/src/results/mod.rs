@@ -108,7 +108,7 @@ impl Outputs {
 }
 
 impl Subject {
-    /// Returns a trace that was judged.
+    /// Returns the outcome of a trace that was judged.
     pub(crate) fn found(found: &Verdict) -> Self {
         let file = &found.file;
         let problem = |violation: &Violation| Problem {
@@ -129,7 +129,7 @@ impl Subject {
         }
     }
 
-    /// Returns a trace that cannot be read, or not to its end.
+    /// Returns the outcome of a trace that cannot be read, or not to its end.
     pub(crate) fn unread(name: &Path, fault: &Fault) -> Self {
         let (name, verdict) = (name.display().to_string(), Err(fault.to_string()));
         Self { name, conforms: false, verdict, problems: Vec::new() }

@@ -10,9 +10,9 @@ use fuseline_tokio::deadline::{Accuracy, Chosen, End, Expected, Policy, Situatio
 use crate::run::plan::RunPlan;
 use fuseline_evaluation::models::Model;
 
-/// The number of ended calls to a cloud that are remembered: 3.2 s at ten frames a second. The
-/// libraries' default of 64 covers about two seconds at 30, so here a cloud would count as gone
-/// only after twice that time.
+/// The number of ended calls to a cloud that are remembered: 3.2 s at ten frames a second. With the
+/// libraries' default of 64, about two seconds at 30 frames a second, it would take twice as long
+/// here until a cloud counts as gone.
 const CALLS: usize = 32;
 /// The gain of a cloud's result over local's if one of the two has no figure, in points of AP.
 const UNKNOWN_GAIN: f64 = 5.0;

@@ -18,7 +18,7 @@ struct OutgoingQueue {
 }
 
 impl Queues {
-    /// Empty ones, with at most this many calls at once to each cloud of these priorities.
+    /// Makes empty queues, with at most this many calls at once to each cloud of these priorities.
     pub(crate) fn new(clouds: impl IntoIterator<Item = u16>, at_once: usize) -> Self {
         let clouds = clouds.into_iter().map(|p| (u64::from(p), OutgoingQueue::default())).collect();
         Self { at_once, clouds }

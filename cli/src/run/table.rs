@@ -262,7 +262,7 @@ impl RunReport {
 }
 
 impl PolicyReport {
-    /// Its row in the table; it is compared over this many messages.
+    /// Returns its row in the table. It is compared over this many messages.
     fn row(&self, compared: u64) -> Vec<String> {
         let mut row = vec![
             self.policy.clone(),
@@ -299,7 +299,7 @@ fn mean_ap(ap: BoundedFigure<f64>) -> String {
     }
 }
 
-/// Returns a part of all messages; `?` where it may be any.
+/// Returns a count as a share of all messages; `?` where it may be any.
 fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     if let Some(exact) = count.exact() {
         return percent(exact, messages);

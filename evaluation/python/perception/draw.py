@@ -14,7 +14,7 @@ from metrics import Boxes
 #: Blue, green and red.
 COLOURS = {"local": (0, 140, 255), "west": (255, 120, 0), "east": (60, 200, 0)}
 COLUMNS = 3
-#: The share of a frame's size.
+#: The scale of a drawn frame, as a share of its size.
 SCALE = 0.7
 
 

@@ -173,7 +173,7 @@ impl<'d> FieldReader<'d> {
         Ok(())
     }
 
-    /// Returns a number's bytes, which lie at a multiple of their length.
+    /// Takes a number's bytes, which lie at a multiple of their length.
     fn take(&mut self, size: usize) -> Result<&'d [u8], CdrError> {
         let at = self.at.next_multiple_of(size);
         let bytes = self.body.get(at..at + size).ok_or(CdrError::Short("a number"))?;
@@ -188,7 +188,7 @@ impl<'d> FieldReader<'d> {
         Ok(if is_little { bytes.iter().rev().fold(0, fold) } else { bytes.iter().fold(0, fold) })
     }
 
-    /// Returns a text: its length with the NUL at its end, then itself.
+    /// Reads a text: its length with the NUL at its end, then itself.
     fn text(&mut self) -> Result<String, CdrError> {
         let len = usize::try_from(self.unsigned(4)?).unwrap_or(usize::MAX);
         let end = self.at.checked_add(len);

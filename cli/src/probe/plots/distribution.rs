@@ -78,7 +78,7 @@ fn write(
     label.put(canvas, &format!("{name} {}", short(ms)), at);
 }
 
-/// Returns whole milliseconds if that is exact enough.
+/// Returns a time in milliseconds, without a fraction if that is exact enough.
 fn short(ms: f64) -> String {
     if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
 }
