@@ -114,7 +114,7 @@ fn most(name: &str) -> usize {
     most
 }
 
-/// Runs this many for three seconds; whether outputs were in time.
+/// Runs this many operators for three seconds. Returns whether outputs were in time.
 fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
     let mut builder = Builder::new_current_thread();
     #[cfg(feature = "virtual-time")]

@@ -62,10 +62,10 @@ pub const PACED: Pace = Pace {
     ],
 };
 
-/// Returns what both sides run on.
+/// Makes the runtime that both sides run on.
 ///
 /// # Panics
-/// If there is none.
+/// If the system refuses it.
 #[must_use]
 pub fn runtime() -> Runtime {
     Builder::new_current_thread().enable_all().build().expect("a runtime")

@@ -66,7 +66,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// For windows of this many.
+    /// Makes a load for windows of this many timestamps.
     #[must_use]
     pub fn new(window: usize, spacing: Spacing) -> Self {
         let mut random = Rng::with_seed(window as u64);

@@ -296,7 +296,7 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     assert!(chapter.contains("in doubt: 10 coarse\n"));
 }
 
-/// Returns what it prints on standard error, where it converts.
+/// Returns the events of a log that is converted, and the text on standard error.
 fn noted(text: &str, name: &str, more: &[&str]) -> (Vec<Value>, String) {
     let dir = folder(name, text);
     let done = convert(&dir, name, more);

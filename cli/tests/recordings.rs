@@ -36,7 +36,7 @@ fn frames() -> Vec<RecordedMessage> {
     ]
 }
 
-/// Returns what they are as a trace, without its header.
+/// Returns the events that a recording becomes in a trace, without the header.
 fn expected() -> Vec<Value> {
     let t = 7_000_000_001_u64;
     vec![

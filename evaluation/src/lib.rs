@@ -50,7 +50,7 @@ enum ScenarioCommand {
     Jaywalking(jaywalking::Args),
     /// The vehicle of the traffic jam over recorded networks, policies side by side.
     Networks(networks::Args),
-    /// The same models on board and in the cloud: which has a result first.
+    /// The same models on board and in the cloud: who has a result first.
     Arbitrage(arbitrage::Args),
 }
 

@@ -72,8 +72,8 @@ pub struct PolicyScore {
 /// The choice of a policy for one message, as far as it is known.
 struct PolicyChoice {
     response: Response,
-    /// The sources whose result may be the best one before the deadline; `None` stands for no result in time. There
-    /// is more than one element if the choice is not known.
+    /// The source whose result the policy has before the deadline, or `None` if it has no result in time. There is
+    /// more than one element if that is not known.
     in_time: Vec<Option<usize>>,
 }
 

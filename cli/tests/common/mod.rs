@@ -44,12 +44,12 @@ pub(crate) fn micros(nanos: u64) -> String {
     format!("{}.{:03}", nanos / 1000, nanos % 1000)
 }
 
-/// Returns what it printed.
+/// Returns the text on standard output.
 pub(crate) fn out(output: &Output) -> &str {
     str::from_utf8(&output.stdout).unwrap()
 }
 
-/// Returns what it complained about.
+/// Returns the text on standard error.
 pub(crate) fn err(output: &Output) -> &str {
     str::from_utf8(&output.stderr).unwrap()
 }

@@ -12,13 +12,13 @@ pub(crate) fn run_in(directory: &Path, args: &[&str]) -> Output {
     fuseline(&[&["run"], args].concat()).current_dir(directory).output().unwrap()
 }
 
-/// Returns what `--json` printed.
+/// Returns the report that `--json` printed.
 pub(crate) fn report(output: &Output) -> Value {
     assert_eq!(out(output).lines().count(), 1, "{}{}", out(output), err(output));
     serde_json::from_str(out(output)).unwrap()
 }
 
-/// Returns what these come to together.
+/// Returns the sum of these counts.
 pub(crate) fn sum<'a>(counts: impl IntoIterator<Item = &'a Value>) -> u64 {
     counts.into_iter().map(|count| count.as_u64().unwrap()).sum()
 }

@@ -23,7 +23,7 @@ pub(crate) enum VehiclePart {
     LocalPlanner,
 }
 
-/// Kills a part at an instant. A dead sensor sends nothing; a dead cloud or computation never
+/// The part that dies, and the instant. A dead sensor sends nothing; a dead cloud or computation never
 /// answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kill {

@@ -24,7 +24,7 @@ fn statistics(inputs: &[Input]) -> TraceStatistics {
     statistics
 }
 
-/// Returns what a source's requests came to, without what is 0.
+/// Returns the counts of a source's requests that are not 0.
 fn fates(statistics: &TraceStatistics, p: u64) -> Vec<(&'static str, u64)> {
     let totals = statistics.totals();
     let row = totals.rows.iter().find(|row| row.p == p).unwrap();
