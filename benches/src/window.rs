@@ -9,8 +9,8 @@ use fuseline_core::{
 };
 use fuseline_testkit::Rng;
 
-/// The number of inputs that one pass times: as many machines as give so many open timestamps, so that small and great windows
-/// work on as much memory.
+/// The number of inputs that one pass times. A pass uses as many machines as together hold this many open timestamps, so
+/// small and large windows work on the same amount of memory.
 pub const INPUTS: usize = 1024;
 
 /// The timed inputs, and the earlier inputs of the open timestamps.

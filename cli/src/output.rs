@@ -86,7 +86,7 @@ impl Output {
         Ok(Self { name, target, overwrite })
     }
 
-    /// Returns the file at `path`, or, if none is given, one called `default`, or numbered where there is such a file.
+    /// Returns the file at `path`. Without a path, it is called `default`, with a number if that file exists.
     ///
     /// # Errors
     /// As [`new`](Self::new).

@@ -136,7 +136,7 @@ impl Endpoint {
         self.peers(|peers| peers.incompatible.clone())
     }
 
-    /// Returns the message type of a peer that has another one, if there is such a peer.
+    /// Returns the message type of a peer whose type differs from the node's, if there is one.
     pub(crate) fn other_type(&self) -> Option<String> {
         self.peers(|peers| peers.strangers.values().next().cloned())
     }

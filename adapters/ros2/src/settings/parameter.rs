@@ -266,7 +266,7 @@ fn is_part(name: &str, part: &str) -> bool {
 }
 
 impl Kind {
-    /// Returns the words for such a value.
+    /// Describes the values that a parameter of this kind accepts, for an error.
     pub(super) fn expected(self, deadlines: DeadlineBound) -> String {
         match self {
             Self::Flag => "true or false".to_owned(),

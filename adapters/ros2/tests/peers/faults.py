@@ -173,7 +173,7 @@ def inputs_may_rest_as_long_as_their_parameter_says(bench):
     node = bench.node(parameters(input=POINTS | {"silence": 40.0}))
     camera, listener, local = Camera(), Listener(), Model("local")
     ready(camera, listener, local)
-    # There are so many that the gaps of the beginning are forgotten.
+    # After 40 messages the node has forgotten the gaps at the start.
     for _ in range(40):
         camera.ask("local=0")
         time.sleep(PERIOD_S)
