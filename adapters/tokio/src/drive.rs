@@ -182,7 +182,6 @@ pub enum Sent<V> {
 
 /// An operator with its event loop. The fields that every event needs come first, because an
 /// operator among thousands has nothing in the processor's caches.
-// Fields that every event needs come first: of one operator among thousands nothing is in the processor's caches.
 #[repr(C)]
 pub struct Driver<T: Transport> {
     /// The flags of calls, transport and timer.

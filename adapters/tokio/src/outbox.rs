@@ -11,12 +11,12 @@ use futures_util::future::BoxFuture;
 
 use crate::stream::{WriteError, Writer};
 
-/// The output: items are given to the readers at once, and wait here only while one lags.
+/// Gives items to the readers at once. An item waits here only while a reader lags.
 pub(crate) struct Outbox<T> {
     writer: Writer<T>,
-    /// The next operator's message comes from what this one's did.
+    /// Returns an item's lineage, which the next operator's message gets.
     lineage_of: fn(&T) -> Option<Arc<Lineage>>,
-    /// At most one for each message that was open when the reader began to lag: the newest.
+    /// The newest item of each message that was open when a reader began to lag.
     waiting: VecDeque<T>,
     /// Ready when every reader has room again.
     room: Option<BoxFuture<'static, ()>>,
@@ -31,7 +31,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
     pub(crate) fn push(&mut self, message: T) {
         if self.waiting.is_empty() {
             match self.write(message) {
-                // An output that nobody reads is no reason to end: traces and counts go on.
+                // The operator goes on without readers, because traces and counts do.
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(message)) => self.waiting.push_back(message),
             }
@@ -40,7 +40,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
         }
     }
 
-    /// Hands on what waits while there is room.
+    /// Writes the waiting items while there is room.
     pub(crate) fn poll_delivered(&mut self, context: &mut Context<'_>) -> Poll<()> {
         while let Some(message) = self.waiting.pop_front() {
             match self.write(message) {
@@ -55,7 +55,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
                 }
             }
         }
-        // Else it would hold a permit that was reserved for it.
+        // The future may hold a permit, which would keep a place from the next item.
         self.room = None;
         Poll::Ready(())
     }
@@ -71,7 +71,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
 }
 
 impl<O: Send + Sync + 'static> Outbox<Item<O>> {
-    /// Writes the item; one of its message that still waits is not needed any more (F9).
+    /// Writes the item. It replaces an earlier item of its message that still waits (F9).
     pub(crate) fn put(&mut self, item: Item<O>) {
         let is_same = |earlier: &Item<O>| earlier.timestamp == item.timestamp;
         let earlier = self.waiting.iter().position(is_same);

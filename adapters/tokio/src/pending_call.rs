@@ -1,4 +1,4 @@
-//! A request to a cloud: one allocation for as long as it waits and for its call.
+//! A request to a cloud and the call that it becomes, in one allocation.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -9,7 +9,7 @@ use pin_project_lite::pin_project;
 use crate::Error;
 use crate::call::Call;
 
-/// A request that knows its handle and its response handler: a call, once it has begun.
+/// A request with its handle and its response handler. It becomes a call when it begins.
 pub(crate) trait PendingCall<O>:
     Future<Output = Result<StampedValue<O>, Error>> + Send
 {

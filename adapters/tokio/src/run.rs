@@ -1,6 +1,7 @@
-//! An operator on streams: its [`Transport`] reads the input, makes the requests and writes the items.
+//! An operator on streams. Its [`Transport`] reads the input, makes the requests and writes the
+//! items.
 //!
-//! While a reader lags it takes in no new message; what is open goes on (D8).
+//! It accepts no new message while a reader lags. Open messages go on (D8).
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -45,7 +46,7 @@ pub(crate) struct Streams<I, O> {
     pub(crate) deadline: Option<Duration>,
     pub(crate) output: Outbox<Item<O>>,
     pub(crate) counting: Counting,
-    /// None once nobody can stop the operator any more.
+    /// `None` once nobody can stop the operator.
     pub(crate) stop: Option<oneshot::Receiver<()>>,
     pub(crate) is_open: bool,
 }
@@ -67,7 +68,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         {
             self.stop = None;
             if reported.is_ok() {
-                // D1 one item: what was decided is written, as far as readers have room.
+                // Items that were decided are still written, as far as readers have room (D1).
                 let _ = self.output.poll_delivered(context);
                 return Poll::Ready(Incoming::Stop);
             }
@@ -75,13 +76,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         if let Poll::Ready(completion) = self.workers.poll_completion(context) {
             return Poll::Ready(Incoming::Completion(completion));
         }
-        // A reader that lags holds back new messages, and nothing else.
+        // A lagging reader holds back new messages only.
         let was_waiting = !self.is_delivered();
         if self.output.poll_delivered(context).is_pending() {
             return Poll::Pending;
         }
         if !self.is_open {
-            // The driver ends only once it knows that what waited has been delivered.
+            // This tells the driver, which waits for it, that the last item was delivered.
             return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
@@ -176,12 +177,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
                 handled(&self.counting, "states", t, || take_over(t, &forwarded.value));
             }
         }
-        // E4: something is sent for each message.
+        // A missed message gets a substitute, so that something is sent for each message (E4).
         if let Some(substitute) = self.substitutes.as_mut().filter(|_| item.needs_substitute()) {
             let timestamp = item.timestamp;
             let given = handled(&self.counting, "substitutes", timestamp, || substitute(&item));
             item.substitute = given.flatten();
-            // E7: how old it is only the handler knows.
+            // Only the handler knows how old its substitute is (E7).
             item.age = item.age.filter(|_| item.substitute.is_none());
         }
         self.output.put(item);
@@ -206,7 +207,8 @@ impl<I: Send + Sync + 'static, O> Streams<I, O> {
     }
 }
 
-/// D11: what a handler of the operator's own returns; a panic in it is counted and logged, and so is one that runs for long.
+/// Calls one of the operator's own handlers and returns its value. Counts and logs a panic, and a
+/// handler that runs for long (D11).
 fn handled<R>(
     counting: &Counting,
     handler: &'static str,

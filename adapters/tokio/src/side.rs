@@ -121,7 +121,7 @@ impl<I> SideRunner<I> {
             let call = Call { timestamp, deadline: remaining, lineage, byte_counter };
             let answer = guarded(request(call)).await;
             drop(permit);
-            // An answer at the due instant is late, as everywhere.
+            // An answer at the due instant is late, as in F3.
             if requested.elapsed() < deadline {
                 settle(&counts, timestamp, answer);
             } else {

@@ -25,7 +25,7 @@ pub(crate) enum Workers<I, O> {
 pub(crate) struct LocalThreads<I, O> {
     /// The threads end when this is dropped and their computations are done.
     jobs: mpsc::Sender<(Arc<I>, u64)>,
-    /// At most one for each computation that was begun, so bounded.
+    /// Holds at most one completion for each computation that was begun, so it is bounded.
     completions: UnboundedReceiver<Completion<O>>,
     worker: LocalWorker<I, O>,
     make: Option<MakeCompute<I, O>>,
@@ -81,7 +81,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     /// this computation.
     pub(crate) fn replace(&mut self, timestamp: u64) {
         let Self::Threads(LocalThreads { worker, make: Some(make), .. }) = self else { return };
-        // Made with the lock released, because it may take long.
+        // `make` is called with the lock released, because it may take long.
         if !worker.running().iter().any(|(t, _)| *t == timestamp) {
             return;
         }
@@ -131,7 +131,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> LocalWorker<I, O> {
         let index = running.iter().position(|(t, _)| *t == timestamp);
         let is_replaced = index.is_some_and(|index| running.swap_remove(index).1);
         drop(running);
-        // Nobody waits for it once the operator has ended.
+        // Sending fails once the operator has ended, and nobody needs the result then.
         drop(self.completions.send(Completion { priority: 0, timestamp, result }));
         !is_replaced
     }

@@ -1,6 +1,6 @@
 //! The calls under way, as tasks or within the driver, and local's async computations.
 //!
-//! They are started and aborted here; when to do so is decided by the engine.
+//! This module starts and aborts calls. The engine decides when.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -28,11 +28,11 @@ type CallKey = (u16, u64);
 /// A source's call or computation.
 type CallFuture<V> = BoxFuture<'static, Result<StampedValue<V>, Error>>;
 
-/// The calls under way, aborted when this is dropped; local's computations never are (F7).
+/// The calls under way. Dropping this aborts them, except for local's computations (F7).
 ///
-/// On a runtime of several threads each runs in a task of its own, so that its computation blocks
-/// no other. On a runtime of one thread it would block them anyway: there calls run within the
-/// driver, which costs half.
+/// On a runtime of several threads each call runs in a task of its own, so that no computation
+/// blocks another. On a runtime of one thread a task would block the others all the same. There
+/// the calls run within the driver, which costs half as much.
 pub(super) enum Calls<V: Send + 'static> {
     Tasks {
         completions: mpsc::UnboundedReceiver<Completion<V>>,
@@ -48,13 +48,15 @@ pub(super) struct InlineCalls<V> {
     slots: Vec<CallSlot<V>>,
     /// The first free slot, if there is one.
     free: Option<u32>,
-    /// The bits of the slots whose turn it is: those of an index modulo 64 share one, and are polled together.
+    /// The bits of the slots whose turn it is. Slots with the same index modulo 64 share a bit and
+    /// are polled together.
     turns: u64,
     driver: Arc<DriverWaker>,
     counting: Counting,
 }
 
-/// Room for one call, with a waker for every call that it ever has. It has a line of the processor's caches to itself.
+/// Room for one call, with one waker for all calls that use it in turn. Its alignment gives it a
+/// cache line of its own.
 #[repr(align(64))]
 struct CallSlot<V> {
     call: Option<RunningCall<V>>,
@@ -76,7 +78,8 @@ struct SlotWaker {
 }
 
 impl<V: Send + 'static> Calls<V> {
-    /// No calls, on the current runtime; `driver` wakes the driver for them, and what blocks is counted by `counting`.
+    /// Creates an empty set of calls on the current runtime. `driver` wakes the driver, and
+    /// `counting` counts calls that block.
     pub(super) fn new(driver: Arc<DriverWaker>, counting: Counting) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
@@ -103,7 +106,7 @@ impl<V: Send + 'static> Calls<V> {
                 let task = async move {
                     let result = guarded(call).await;
                     span.end(&result);
-                    // Nobody waits for it once the driver has ended.
+                    // Sending fails once the driver has ended, and nobody needs the result then.
                     drop(sender.send(Completion { priority, timestamp, result }));
                 };
                 let task = tokio::spawn(task.instrument(entered));
@@ -149,7 +152,7 @@ impl<V: Send + 'static> Calls<V> {
                     under_way.remove(&(completion.priority, completion.timestamp));
                     Poll::Ready((completion, clock.now()))
                 }
-                // `self` holds a sender: the channel does not end.
+                // The channel does not end, because `self` holds a sender.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
             Self::InlineCalls(inline) => inline.poll_completion(clock),
@@ -168,14 +171,15 @@ impl<V> InlineCalls<V> {
         let slot = &mut self.slots[index as usize];
         self.free = slot.next_free.take();
         slot.call = Some(running);
-        // The driver polls it before it sleeps.
+        // The driver polls the call before it sleeps.
         self.turns |= slot_bit(index);
     }
 
     fn poll_completion(&mut self, clock: DriverClock) -> Poll<(Completion<V>, u64)> {
-        // A call that wakes itself again and again is polled once each time, and keeps no other from its turn.
+        // A call that keeps waking itself is polled once each time, so the other calls get their
+        // turns.
         self.turns |= self.driver.take_woken();
-        // Where one call's poll ends the next one's begins.
+        // The next poll begins at the instant at which the one before it ended.
         let mut ended = None;
         while self.turns != 0 {
             let first = self.turns.trailing_zeros() as usize;
@@ -189,8 +193,9 @@ impl<V> InlineCalls<V> {
         Poll::Pending
     }
 
-    /// Polls the call in this slot, if there is one: a waker may outlive its call. `ended` is when the poll before it did, if
-    /// there was one, and then when this one does.
+    /// Polls the call in this slot. There may be none, because a waker may outlive its call.
+    /// `ended` is the instant at which the poll before this one ended, if there was one, and
+    /// afterwards the instant at which this one ended.
     fn poll_slot(
         &mut self,
         index: usize,
@@ -204,8 +209,8 @@ impl<V> InlineCalls<V> {
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
         drop(entered);
-        // F0: read after the response handler, which is part of the call, and before anything else is done: it is the result's
-        // instant too.
+        // The clock is read after the response handler, which is part of the call, and before
+        // anything else, because this is the result's instant too (F0).
         let end = *ended.insert(clock.now());
         let (priority, timestamp) = *key;
         if polled.is_ok() {
@@ -224,7 +229,8 @@ impl<V> InlineCalls<V> {
         Some((Completion { priority, timestamp, result }, end))
     }
 
-    /// F7: local's computations go on in tasks of their own, if the runtime does; all others end.
+    /// Lets local's computations go on in tasks of their own, as long as the runtime does (F7).
+    /// Drops all other calls.
     fn release(&mut self)
     where
         V: Send + 'static,
@@ -252,7 +258,7 @@ impl<V> InlineCalls<V> {
     }
 }
 
-/// Far fewer calls than 2³² fit into any memory.
+// No memory holds 2³² calls.
 fn slot_index(index: usize) -> u32 {
     u32::try_from(index).unwrap_or(u32::MAX)
 }
@@ -261,7 +267,7 @@ const fn slot_bit(index: u32) -> u64 {
     1 << (index % 64)
 }
 
-/// Drops a call. A panic in the future's drop changes nothing else (D7 failures).
+/// Drops a call, and catches a panic of its destructor (D7).
 fn end<T>(call: T) {
     drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
 }

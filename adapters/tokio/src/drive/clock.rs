@@ -1,5 +1,6 @@
-//! The operator's clock. An event's instant is read after it (F0), so a reading is handed on only where nothing but the loop's
-//! own steps lies between: to read the clock costs as much as to answer an input.
+//! The operator's clock. An event's instant is read after the event (F0). Reading the clock costs as
+//! much as answering an input, so a reading is used again as long as only the loop's own steps lie
+//! between.
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ pub(super) struct DriverClock {
 }
 
 impl DriverClock {
-    /// Makes a clock that reads 0 now.
+    /// Creates a clock that reads 0 now.
     pub(super) fn new() -> Self {
         Self { start: Instant::now() }
     }
@@ -23,12 +24,12 @@ impl DriverClock {
 
     pub(super) fn now(self) -> u64 {
         let now = self.start.elapsed();
-        // In 64 bits: `as_nanos` counts in 128.
+        // `as_nanos` would count in 128 bits.
         now.as_secs().saturating_mul(1_000_000_000).saturating_add(now.subsec_nanos().into())
     }
 
-    /// Returns the instant at which the clock reads `nanos`, but at most a day from now, because the system's clock
-    /// may end before.
+    /// Returns the instant at which the clock reads `nanos`, but at most a day from now, because
+    /// the system's clock may end before.
     pub(super) fn instant(self, nanos: u64) -> Instant {
         let day = Duration::from_secs(24 * 60 * 60);
         let far = self.start.elapsed() + day;

@@ -1,5 +1,4 @@
-//! A call that is timed: how long it runs without a pause is how long it holds up its thread, and on a runtime of one thread the
-//! operator.
+//! Times each poll of a call, because a call that runs without a pause holds up its thread.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};

@@ -1,5 +1,5 @@
-//! A span for each message, and below it one for each call and for local's computation, with the attributes that `fuseline
-//! convert` reads of OpenTelemetry's spans.
+//! Makes a span for each message, and below it a span for each call and for local's computation.
+//! The spans have the attributes that `fuseline convert` reads from OpenTelemetry.
 
 use std::time::Duration;
 
@@ -11,15 +11,15 @@ use tracing::{Span, debug_span};
 
 use crate::Error;
 
-/// The spans of the open messages, if anybody wants them.
+/// The spans of the open messages. Empty if no subscriber wants them.
 #[derive(Default)]
 pub(super) struct MessageSpans {
     open: FxHashMap<u64, Span>,
-    /// Spans of requests whose results do not come by a call, by priority and timestamp.
+    /// The spans of requests whose results come from the transport, by priority and timestamp.
     away: FxHashMap<(u16, u64), TracedCall>,
 }
 
-/// A call's span; none if nobody listens. One that is dropped without an end was ended by its caller.
+/// A call's span, if a subscriber wants it. Dropping it before its end marks it as aborted.
 pub(super) struct TracedCall(Option<Box<OpenCall>>);
 
 struct OpenCall {
@@ -37,7 +37,7 @@ impl MessageSpans {
         lineage: Option<&Lineage>,
     ) {
         let origin = lineage.and_then(|lineage| lineage.origin.as_ref());
-        // A trace of its own: the operator's span ends with the operator.
+        // Each message gets a trace of its own, because the operator's span ends with the operator.
         let span = debug_span!(
             parent: None,
             "message",
@@ -84,7 +84,7 @@ impl MessageSpans {
         TracedCall(is_open.then(|| Box::new(OpenCall { span, has_ended: false })))
     }
 
-    /// Keeps the span of a request whose result does not come by a call.
+    /// Keeps the span of a request whose result will come from the transport.
     pub(super) fn wait(&mut self, key: (u16, u64), span: TracedCall) {
         if span.0.is_some() {
             self.away.insert(key, span);
@@ -93,7 +93,7 @@ impl MessageSpans {
 
     /// Ends the span of a request whose result came.
     pub(super) fn complete<V>(&mut self, key: (u16, u64), result: &Result<StampedValue<V>, Error>) {
-        // Without a subscriber both maps are empty, and an empty one is not searched.
+        // Without a subscriber the map is empty, and looking at its length is cheaper than a search.
         if !self.away.is_empty()
             && let Some(mut span) = self.away.remove(&key)
         {
@@ -113,7 +113,8 @@ impl MessageSpans {
         }
         let Some(span) = self.open.remove(&item.timestamp) else { return };
         self.abort((0, item.timestamp));
-        // A span ends with the last one below it, and local may compute on.
+        // The latency is recorded apart, because local may compute on, and a span ends with the
+        // last span below it.
         span.record("fuseline.latency", nanos(item.latency()));
         match &item.ending {
             Ending::Forwarded(Forwarded { source, of, meant_for, .. }) => {
@@ -132,7 +133,7 @@ impl MessageSpans {
     }
 }
 
-/// The run ends before these messages.
+/// Marks the messages that are still open as stopped.
 impl Drop for MessageSpans {
     fn drop(&mut self) {
         for span in self.open.values() {
@@ -179,7 +180,7 @@ impl Drop for OpenCall {
     }
 }
 
-/// OpenTelemetry has no unsigned numbers.
+// OpenTelemetry has no unsigned numbers.
 fn int(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }

@@ -68,7 +68,7 @@ impl Timer {
             #[cfg(target_os = "linux")]
             Self::Kernel(timer) => match timer.poll(context) {
                 Poll::Ready(Err(error)) => {
-                    // At worst nothing is due then.
+                    // At worst nothing is due, and the driver goes on.
                     self.fall_back(&error, Instant::now());
                     Poll::Ready(())
                 }
@@ -77,7 +77,7 @@ impl Timer {
         }
     }
 
-    /// P8: a timer that fails must not keep the others from firing.
+    /// Goes on with tokio's timers, because a failed timer must not keep others from firing (P8).
     #[cfg(target_os = "linux")]
     fn fall_back(&mut self, error: &io::Error, at: Instant) {
         error!(%error, "the kernel's timer failed; tokio's timers are used from now on");

@@ -1,4 +1,4 @@
-//! Wakes the driver, and flags which of its parties is to be polled.
+//! Wakes the driver, and notes which of its parties need to be polled.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -8,19 +8,20 @@ use futures_util::task::AtomicWaker;
 
 use crate::drive::{CALLS, TURNS};
 
-/// Flags of the parties that take turns: without its flag, a party need not be polled.
+/// The flags of the parties that take turns. A party is polled only if its flag is set.
 pub(super) struct WakeFlags {
     driver: Arc<DriverWaker>,
     wakers: [Waker; TURNS],
 }
 
-/// Wakes one driver. All that is needed for it is in one place: of one operator among thousands nothing is in the processor's
-/// cache when it is woken.
+/// Wakes one driver. Everything that this needs lies together, because an operator among thousands
+/// has nothing in the processor's caches when it is woken.
 #[derive(Default)]
 #[repr(C)]
 pub(super) struct DriverWaker {
     are_set: [AtomicBool; TURNS],
-    /// Among which slots of calls some were woken since the driver looked: the bit of a slot is its index modulo 64.
+    /// The slots of calls that were woken since the driver last looked. A slot's bit is its index
+    /// modulo 64.
     woken: AtomicU64,
     task: AtomicWaker,
 }
@@ -32,7 +33,7 @@ struct SourceWaker {
 }
 
 impl WakeFlags {
-    /// Makes flags that are all set, so that each party is polled at first.
+    /// Creates flags that are all set, so that each party is polled once.
     pub(super) fn new() -> Self {
         let driver = Arc::new(DriverWaker::default());
         let wakers = std::array::from_fn(|party| {
@@ -46,7 +47,7 @@ impl WakeFlags {
         Arc::clone(&self.driver)
     }
 
-    /// Polls a party whose flag is set; it stays set unless nothing was ready.
+    /// Polls a party whose flag is set. Clears the flag if the party was not ready.
     pub(super) fn poll<T>(
         &self,
         party: usize,
@@ -60,10 +61,10 @@ impl WakeFlags {
         polled
     }
 
-    /// Registers the driver, which is woken when a flag is set.
+    /// Registers the driver's task, which is woken when a flag is set.
     pub(super) fn wait(&self, context: &Context<'_>) {
         self.driver.task.register(context.waker());
-        // One may have been set before the waker was registered.
+        // A flag may have been set before the waker was registered.
         if (0..TURNS).any(|party| self.is_set(party)) {
             context.waker().wake_by_ref();
         }
@@ -74,21 +75,22 @@ impl WakeFlags {
             || party == CALLS && self.driver.woken.load(Ordering::Acquire) != 0
     }
 
-    /// Sets a flag without a waker; for the driver itself.
+    /// Sets a flag and wakes nobody. The driver itself uses this.
     pub(super) fn set(&self, party: usize) {
         self.driver.set(party);
     }
 }
 
 impl DriverWaker {
-    /// Slots with these bits were woken. Unless it has yet to look at earlier ones, the driver is woken too.
+    /// Notes that slots with these bits were woken. Wakes the driver, unless it was woken for
+    /// earlier ones and has not looked yet.
     pub(super) fn wake_slot(&self, bits: u64) {
         if self.woken.fetch_or(bits, Ordering::AcqRel) == 0 {
             self.task.wake();
         }
     }
 
-    /// Returns the bits of the slots that were woken.
+    /// Returns the bits of the slots that were woken, and clears them.
     pub(super) fn take_woken(&self) -> u64 {
         self.woken.swap(0, Ordering::AcqRel)
     }
