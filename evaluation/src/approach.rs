@@ -59,12 +59,13 @@ pub(crate) struct ApproachRun<'a> {
     pub(crate) deadline: Duration,
 }
 
-/// Returns a frame's number as a figure; no drive has more frames than are exact.
+/// Returns a frame's number as a floating-point number. It is exact, because no drive has 2^32
+/// frames.
 pub(crate) fn figure(number: u64) -> f64 {
     u32::try_from(number).map_or(f64::INFINITY, f64::from)
 }
 
-/// Seconds in nanoseconds, to the nearest; 0 of what is less.
+/// Converts seconds to the nearest number of nanoseconds. Negative seconds give 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded, saturating")]
 pub(crate) fn nanos(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
@@ -84,12 +85,13 @@ impl Vehicle {
         self.rate.recip()
     }
 
-    /// Seconds between two frames that local takes.
+    /// Returns the seconds between two frames that local computes.
     pub(crate) fn period_local(&self) -> f64 {
         self.period() * self.frames_of_local()
     }
 
-    /// Returns the number of frames that local is busy with one.
+    /// Returns the number of frame periods for which local is busy with one frame, or 1 if it
+    /// computes several frames at once.
     pub(crate) fn frames_of_local(&self) -> f64 {
         if self.local_serial { (self.local_response * self.rate).ceil().max(1.0) } else { 1.0 }
     }
@@ -98,10 +100,10 @@ impl Vehicle {
         Brakes { deceleration: self.deceleration, delay: self.brake_delay }
     }
 
-    /// Returns the guard of this vehicle, as it is shipped.
+    /// Returns the shipped guard with this vehicle's figures.
     ///
     /// # Errors
-    /// The first figure that makes no sense.
+    /// Returns the first figure that makes no sense.
     pub(crate) fn guard(&self) -> Result<Guard, Invalid> {
         let hazard = Hazard {
             weight: 1.0,
@@ -126,12 +128,12 @@ impl Vehicle {
         Situation { reveal, ..Situation::at(MetresPerSecond(speed)) }
     }
 
-    /// Returns the vehicle with the cloud's model on board and nothing else.
+    /// Returns the vehicle with the cloud's model in place of its own.
     pub(crate) const fn with_model_on_board(self, response: f64) -> Self {
         Self { range_local: self.range_cloud, local_response: response, ..self }
     }
 
-    /// Returns `true` if a source of this range reports an obstacle so far away.
+    /// Returns `true` if a source of this range reports an obstacle at this distance.
     fn reports(&self, range: f64, gap: f64) -> bool {
         gap > 0.0 && gap <= range.min(self.reveal.unwrap_or(f64::INFINITY))
     }
@@ -144,15 +146,16 @@ impl ApproachRun<'_> {
         range_local.max(range_cloud) + self.phase * self.speed * self.vehicle.period()
     }
 
-    /// About how many frames are captured until the obstacle is reached.
+    /// Returns about how many frames are captured until the obstacle is reached.
     pub(crate) fn frames(&self) -> f64 {
         self.start() / self.speed * self.vehicle.rate
     }
 
-    /// Drives towards the obstacle; returns how that ends and when it was decided to brake, in nanoseconds.
+    /// Drives towards the obstacle. Returns how the drive ends, and when the planner decided to
+    /// brake, in nanoseconds.
     ///
-    /// `response` gives how long the cloud takes for a frame captured then, in nanoseconds; none is forever. `operator`
-    /// has not been used before.
+    /// `response` returns how long the cloud takes for a frame captured at an instant, in
+    /// nanoseconds, or `None` for forever. `operator` must be unused.
     pub(crate) fn run(
         &self,
         operator: &mut ScenarioOperator,
@@ -175,7 +178,7 @@ impl ApproachRun<'_> {
                 break;
             }
         }
-        // No frame is to come; what is under way may still decide.
+        // No more frames come, but results that are under way may still decide.
         while decided.is_none() {
             let Some(next) = operator.next().filter(|next| seconds(*next) < reached) else { break };
             operator.pass(next);
@@ -185,7 +188,7 @@ impl ApproachRun<'_> {
         (end, decided)
     }
 
-    /// Returns the events of the frame captured at this instant.
+    /// Returns the message of the frame captured at this instant.
     fn message(
         &self,
         at: u64,
@@ -205,7 +208,7 @@ impl ApproachRun<'_> {
         }
     }
 
-    /// Gives the planner the operator's outputs; returns when it decided to brake.
+    /// Gives the planner the operator's outputs. Returns when it decided to brake, if it did.
     fn plan(
         &self,
         operator: &mut ScenarioOperator,
@@ -233,7 +236,7 @@ impl ApproachRun<'_> {
     }
 }
 
-/// The computation on board, frame by frame.
+/// Computes on board, frame by frame.
 struct LocalComputation<'a> {
     vehicle: &'a Vehicle,
     /// The instant at which it is free again, if it computes one frame at a time.
@@ -241,7 +244,7 @@ struct LocalComputation<'a> {
 }
 
 impl LocalComputation<'_> {
-    /// Returns how long it takes for a frame captured now; none if it is busy.
+    /// Starts on a frame captured now and returns how long that takes, or `None` if local is busy.
     fn take(&mut self, at: u64) -> Option<u64> {
         let response = nanos(self.vehicle.local_response);
         if self.vehicle.local_serial && at < self.frees {

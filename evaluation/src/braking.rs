@@ -1,11 +1,12 @@
-//! To stop in front of what stands: constant speed, a delay, constant deceleration.
+//! Stops a vehicle before an obstacle at rest: constant speed, then a delay, then constant
+//! deceleration.
 
 /// Brakes, in metres and seconds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Brakes {
-    /// Full braking.
+    /// The deceleration of full braking.
     pub(crate) deceleration: f64,
-    /// From the decision until they bite.
+    /// The time from the decision until the brakes bite.
     pub(crate) delay: f64,
 }
 
@@ -25,7 +26,8 @@ pub(crate) enum DriveOutcome {
 }
 
 impl Brakes {
-    /// Returns how it ends if the decision falls `decided` after the gap was `start`, or never. What reaches a gap of 0, hits.
+    /// Returns how the drive ends if the vehicle decides to brake `decided` after the gap was
+    /// `start`, or if it never decides. A vehicle that reaches a gap of 0 hits the obstacle.
     pub(crate) fn end(&self, speed: f64, start: f64, decided: Option<f64>) -> DriveOutcome {
         let gap = decided.map_or(0.0, |decided| start - speed * (decided + self.delay));
         if gap <= 0.0 {

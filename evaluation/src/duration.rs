@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use humantime::{format_duration, parse_duration};
 
-/// No bounds.
+/// The range without bounds.
 pub const ANY: RangeInclusive<Duration> = Duration::ZERO..=Duration::MAX;
 /// The shortest duration that is not 0.
 pub const SHORTEST: Duration = Duration::from_nanos(1);
@@ -13,7 +13,8 @@ pub const SHORTEST: Duration = Duration::from_nanos(1);
 /// Reads a duration such as `500ms`, `0.5s` or `1h 30m` that lies within `allowed`.
 ///
 /// # Errors
-/// The text says what is wanted, with an example. A number without a unit is given the example's.
+/// Returns a text that says what is wanted, with an example. If only the unit is missing, the text
+/// repeats the number with the example's unit.
 pub fn duration(
     text: &str,
     example: &str,
@@ -36,14 +37,15 @@ pub fn duration(
     })
 }
 
-/// Returns a duration in seconds, as near as there is a number.
+/// Returns a duration in seconds, as the nearest floating-point number.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "2^53 ns are 104 days")]
 pub fn seconds(duration: Duration) -> f64 {
     duration.as_nanos() as f64 / 1e9
 }
 
-/// Reads a number with or without a fraction and one unit, exactly; what is below a nanosecond is left out.
+/// Reads a number with or without a fraction and one unit, exactly. Digits below a nanosecond are
+/// dropped.
 fn decimal(text: &str) -> Option<Duration> {
     let digits = text.find(|it: char| !it.is_ascii_digit() && it != '.')?;
     let (number, unit) = text.split_at(digits);

@@ -1,4 +1,5 @@
-//! The paper's experiments: in virtual time, from stated physics, by the machine that is shipped.
+//! The paper's experiments, in virtual time. The physics is stated, and the shipped machine
+//! decides.
 //!
 //! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also uses the paper's [`models`],
 //! the [`link`] of a vehicle, the charts of [`plot`], and the format of a [`duration`](mod@duration).
@@ -54,7 +55,7 @@ enum ScenarioCommand {
     Arbitrage(arbitrage::Args),
 }
 
-/// The reason why a scenario cannot be played.
+/// The reason a scenario cannot be played.
 #[derive(Debug, Error)]
 pub enum ScenarioError {
     /// A figure of the vehicle makes no sense.
@@ -68,7 +69,7 @@ pub enum ScenarioError {
         /// In m/s.
         speed: f64,
     },
-    /// A folder would be flooded.
+    /// The folder would get too many traces.
     #[error(
         "{runs} runs would leave as many traces, and {most} are the most; name fewer with --drive, --speed, --policy or \
          --starts"
@@ -90,10 +91,10 @@ pub enum ScenarioError {
     Output(io::Error),
 }
 
-/// Plays a scenario and prints what it comes to.
+/// Plays a scenario and prints its result.
 ///
 /// # Errors
-/// If the options make no sense, or something cannot be read or written.
+/// Returns an error if the options make no sense, or something cannot be read or written.
 pub fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     match &args.scenario {
         ScenarioCommand::TrafficJam(args) => traffic_jam::play(args, out),

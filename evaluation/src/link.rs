@@ -25,15 +25,15 @@ pub struct LinkArgs {
 /// The rates of a vehicle's link.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct LinkWidth {
-    /// Bits in a second, where the drive does not say; none: no limit.
+    /// The uplink's bits a second if the drive does not state them, or `None` for no limit.
     pub uplink: Option<u64>,
-    /// Bits in a second of the downlink, where the drive does not say; none: no limit.
+    /// The downlink's bits a second if the drive does not state them, or `None` for no limit.
     pub downlink: Option<u64>,
-    /// The number of bytes that may wait for each.
+    /// The number of bytes that may wait in each direction.
     pub queue_bytes: u64,
 }
 
-/// A link whose rates are a drive's, or fixed.
+/// A link with fixed rates, or with the rates of a drive.
 #[derive(Clone, Copy)]
 pub struct RecordedLink<'a> {
     /// The fixed rates and the queues.
@@ -64,7 +64,7 @@ impl LinkWidth {
 }
 
 impl RecordedLink<'_> {
-    /// Returns `true` if it has a limit in some way.
+    /// Returns `true` if either direction has a limit.
     #[must_use]
     pub fn is_limited(&self) -> bool {
         [LinkDirection::Uplink, LinkDirection::Downlink]
@@ -83,7 +83,8 @@ impl RecordedLink<'_> {
         recorded.or_else(|| self.width.fixed(direction).map(LinkRate::constant))
     }
 
-    /// Returns when a message that is given to a queue of this link is through; none if it finds no room.
+    /// Returns when a message that is given to a queue of this link has passed it, or `None` if the
+    /// queue has no room.
     #[must_use]
     pub fn send(
         &self,
@@ -97,7 +98,7 @@ impl RecordedLink<'_> {
     }
 }
 
-/// To the nearest.
+/// Rounds to the nearest whole number.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "options are bounded")]
 fn whole(figure: f64) -> u64 {
     figure.round() as u64

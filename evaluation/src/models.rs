@@ -1,4 +1,4 @@
-//! Models: the detectors whose runtimes the paper measured, emulated by waiting for as long.
+//! Models: the detectors whose runtimes the paper measured. Waiting for as long emulates them.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -42,19 +42,19 @@ pub enum Device {
     A100,
 }
 
-/// The reason why there is no such model.
+/// The reason a model is refused.
 #[derive(Debug, PartialEq, Error)]
 pub enum ModelError {
-    /// It is unknown and has no runtime.
+    /// The model is unknown and has no runtime.
     #[error(
         "no model {0:?}; there are {names}; another one needs runtime=TIME, and ap=AP if it is known",
         names = names()
     )]
     Name(String),
-    /// It runs on nothing that the paper measured.
+    /// The paper did not measure this device.
     #[error("no device {0:?}; there are orin and a100")]
     Device(String),
-    /// A figure is none.
+    /// A figure is not valid.
     #[error("{key} {value:?} is not valid; {wanted}")]
     Figure {
         /// Its name.
@@ -64,17 +64,18 @@ pub enum ModelError {
         /// The allowed values.
         wanted: String,
     },
-    /// It is no figure of a model.
+    /// The key is not a figure of a model.
     #[error("{0:?} is neither runtime=TIME nor ap=AP; write MODEL[,runtime=TIME][,ap=AP]")]
     Key(String),
 }
 
 impl Model {
-    /// One of the paper's models, `DETR-ResNet-101@a100` in any case, on an `a100` unless the device is named; or
-    /// another one with its runtime. What is given replaces the paper's figure.
+    /// Returns one of the paper's models, such as `DETR-ResNet-101@a100` in any case, on an `a100`
+    /// unless the text names the device. Any other model needs a runtime. The figures given here
+    /// replace the paper's.
     ///
     /// # Errors
-    /// If it is unknown and has no runtime, or a figure is none.
+    /// Returns an error if the model is unknown and has no runtime, or if a figure is not valid.
     pub fn with_figures(
         text: &str,
         runtime: Option<&str>,
@@ -140,7 +141,7 @@ impl Model {
 impl FromStr for Model {
     type Err = ModelError;
 
-    /// `MODEL[,runtime=TIME][,ap=AP]`.
+    /// Reads `MODEL[,runtime=TIME][,ap=AP]`.
     fn from_str(text: &str) -> Result<Self, ModelError> {
         let (name, figures) = text.split_once(',').unwrap_or((text, ""));
         let [mut runtime, mut ap] = [None; 2];
@@ -228,7 +229,7 @@ mod tests {
         let own = model("YOLO-NAS@thor,runtime=45.5ms,ap=52.2");
         assert_eq!((own.runtime, own.ap), (Duration::from_micros(45_500), Some(52.2)));
         assert_eq!(own.to_string(), "YOLO-NAS@thor");
-        // Half of the paper's have no AP.
+        // Half of the paper's models have no AP.
         let paper = model("DINO-SWIN-Large,ap=58");
         assert_eq!((paper.ap, paper.runtime), (Some(58.0), model("DINO-SWIN-Large").runtime));
         for (text, expected) in [

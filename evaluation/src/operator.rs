@@ -10,7 +10,7 @@ use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 /// The priority of the only cloud.
 pub(crate) const CLOUD: u64 = 1;
 
-/// No queue is so long: requests are sent at once.
+/// No queue reaches this length, because requests are sent at once.
 const NO_LIMIT: u64 = 1 << 20;
 
 /// A deadline that never ends.
@@ -21,7 +21,8 @@ pub(crate) const UNLIMITED: u64 = u64::MAX;
 pub(crate) struct ScenarioMessage {
     /// The instant at which it comes.
     pub(crate) at: u64,
-    /// The time that local takes; none: it computes nothing for this message, which is known at once (F4).
+    /// The time that local takes, or `None` if it computes nothing for this message. The machine
+    /// learns of that at once (F4).
     pub(crate) local: Option<u64>,
     /// The request to the cloud.
     pub(crate) request: Option<CloudRequest>,
@@ -32,7 +33,8 @@ pub(crate) struct ScenarioMessage {
 pub(crate) struct CloudRequest {
     /// The time that it may take.
     pub(crate) deadline: u64,
-    /// The time that it takes; none: no result comes unless [`ScenarioOperator::answer`] brings it.
+    /// The time that it takes. If it is `None`, no result comes unless [`ScenarioOperator::answer`]
+    /// brings it.
     pub(crate) response: Option<u64>,
 }
 
@@ -49,11 +51,11 @@ pub(crate) struct ScenarioOutput {
 pub(crate) struct ScenarioOperator {
     machine: ScenarioMachine,
     messages: u64,
-    /// The arrivals: when a result comes, and of which source. Arrivals of one instant are in the
-    /// order of their messages.
+    /// The arrivals of results: the instant, the message and the source. Arrivals of one instant
+    /// are in the order of their messages.
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
     outputs: Vec<ScenarioOutput>,
-    /// `true` if offers say how many requests are under way.
+    /// `true` if offers state how many requests are under way.
     is_gated: bool,
     /// Requests that are neither answered nor given up.
     under_way: BTreeSet<u64>,
@@ -61,15 +63,16 @@ pub(crate) struct ScenarioOperator {
     trace: Option<Vec<u8>>,
 }
 
-/// The shipped machine. Most runs are short, and a small window is made far sooner than a large one.
+/// The shipped machine. Most runs are short, and a small window is created much faster than a large
+/// one.
 enum ScenarioMachine {
     Small(Arbiter<1, SMALL>),
     Large(Arbiter<1, LARGE>),
 }
 
-/// For messages so few that all may be open at once.
+/// The window for runs with few messages, which may all be open at once.
 const SMALL: usize = 192;
-/// For all others.
+/// The window for all other runs.
 const LARGE: usize = 1024;
 
 impl ScenarioMachine {
@@ -127,7 +130,8 @@ impl ScenarioOperator {
         Self { machine, messages: 0, arrivals, outputs, is_gated, under_way, is_full: false, trace }
     }
 
-    /// A message comes: local gets it, and the cloud if there is a request. Everything before has happened then.
+    /// Gives a message to local and, if it has a request, to the cloud. Everything due by then
+    /// happens first.
     pub(crate) fn message(&mut self, message: &ScenarioMessage) {
         let ScenarioMessage { at, local, request } = *message;
         self.pass(at);
@@ -147,7 +151,7 @@ impl ScenarioOperator {
         }
     }
 
-    /// Lets time pass: whatever comes or is due until `to` happens.
+    /// Lets time pass until `to`. Everything that arrives or is due by then happens.
     pub(crate) fn pass(&mut self, to: u64) {
         while let Some(Reverse((at, t, p))) = self.arrivals.peek().copied() {
             if at > to {
@@ -160,13 +164,13 @@ impl ScenarioOperator {
         self.serve(to);
     }
 
-    /// Returns when something happens next, if nothing else comes.
+    /// Returns when the next result arrives or the next timer is due.
     pub(crate) fn next(&self) -> Option<u64> {
         let arrival = self.arrivals.peek().map(|Reverse((at, _, _))| *at);
         [arrival, self.machine.next_due()].into_iter().flatten().min()
     }
 
-    /// Returns the outputs so far that were not taken yet, in their order.
+    /// Returns the outputs since the last call, in their order.
     pub(crate) fn take_outputs(&mut self) -> Vec<ScenarioOutput> {
         std::mem::take(&mut self.outputs)
     }
@@ -181,7 +185,7 @@ impl ScenarioOperator {
         self.trace
     }
 
-    /// Serves each timer until `to` at its due instant.
+    /// Serves each timer that is due by `to` at its due instant.
     fn serve(&mut self, to: u64) {
         while let Some(at) = self.machine.next_due().filter(|due| *due <= to) {
             self.input(Input::Tick { at });
@@ -207,7 +211,7 @@ impl ScenarioOperator {
                     outputs.push(ScenarioOutput { at, t, source: Some(p) });
                 }
                 Decision::Miss { at, t } => outputs.push(ScenarioOutput { at, t, source: None }),
-                // Timestamps rise, so that nothing else refuses one.
+                // Timestamps rise, so an open is refused only for a full window.
                 Decision::RefuseOpen { .. } => *is_full = true,
                 Decision::Request { t, .. } => {
                     under_way.insert(t);

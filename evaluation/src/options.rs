@@ -32,20 +32,20 @@ pub(crate) struct OutputOptions {
 }
 
 impl OutputOptions {
-    /// Returns the folders for traces and for plots, as far as they are wanted.
+    /// Returns the folders for traces and for plots, or `None` for a folder that is not wanted.
     ///
     /// # Errors
-    /// If one cannot be made.
+    /// Returns an error if a folder cannot be created.
     pub(crate) fn folders(&self) -> Result<[Option<Folder>; 2], FolderError> {
         let open = |path: &Option<PathBuf>| Folder::open(path.as_deref(), self.force);
         Ok([open(&self.trace)?, open(&self.output)?])
     }
 
-    /// Writes the page if its folder is wanted, and prints the result as one object, or as text, coloured where that is a
-    /// terminal. `plots` are made for the page alone.
+    /// Writes the page if its folder is wanted. Prints the result as one JSON object or as text, in
+    /// colour on a terminal. Only the page needs `plots`.
     ///
     /// # Errors
-    /// If the folder or standard output cannot be written.
+    /// Returns an error if the folder or standard output cannot be written.
     pub(crate) fn report(
         &self,
         mut out: &mut dyn Write,
@@ -124,9 +124,9 @@ impl VehicleArgs {
     }
 }
 
-/// No time is longer: a day.
+/// The longest time that an option takes: a day.
 const LONGEST: Duration = Duration::from_secs(86_400);
-/// Greater figures are mistaken units.
+/// The greatest figure that an option takes. A greater one is a mistaken unit.
 const GREATEST: f64 = 1e5;
 
 fn number(text: &str, is_wanted: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {

@@ -8,12 +8,12 @@ pub(crate) const GOOD: Style = AnsiColor::Green.on_default();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default();
 pub(crate) const SOFT: Style = Style::new().dimmed();
 
-/// Returns a text in a colour; what is no terminal gets it without.
+/// Returns a text in a colour. The colour is removed if the output is not a terminal.
 pub(crate) fn paint(style: Style, text: &str) -> String {
     format!("{style}{text}{style:#}")
 }
 
-/// All that is written; writing to a string does not fail.
+/// Returns everything that `write` writes. Writing to a string does not fail.
 pub(crate) fn written(write: impl FnOnce(&mut String) -> fmt::Result) -> String {
     let mut text = String::new();
     let _ = write(&mut text);

@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::approach::Approach;
 
-/// The paper's figures that scenarios have beside theirs.
+/// The paper's figures that scenarios show beside their own.
 #[derive(Deserialize)]
 pub(crate) struct Paper {
     pub(crate) runtime_ms: Vec<ModelRuntime>,
-    /// The least and the greatest that it cites, in s.
+    /// The least and the greatest human reaction time that the paper cites, in s.
     pub(crate) human_reaction_s: [f64; 2],
     pub(crate) drive_5g_san_francisco: MeasuredDrive,
     pub(crate) traffic_jam: TrafficJam,
@@ -50,7 +50,7 @@ pub struct TripQuantiles {
 #[derive(Deserialize)]
 pub(crate) struct TrafficJam {
     pub(crate) cloud_response_s: Vec<f64>,
-    /// By speed in m/s and approach: 1 for each response that collides.
+    /// Has a 1 for each response that collides, by speed in m/s and approach.
     collides: BTreeMap<String, BTreeMap<String, Vec<u8>>>,
 }
 
@@ -96,7 +96,7 @@ impl TrafficJam {
         speeds
     }
 
-    /// Returns whether a cell of the table collides; none if the table has no such cell.
+    /// Returns whether a cell of the table collides, or `None` if the table has no such cell.
     pub(crate) fn collides(&self, speed: f64, approach: Approach, response: f64) -> Option<bool> {
         let name = match approach {
             Approach::Local => "local",

@@ -13,11 +13,12 @@ pub(crate) enum FrameStatus {
     Obstacle,
 }
 
-/// Counts timestamps, not arrivals (A12): it decides once the outputs of this many consecutive timestamps have come and
-/// all report. Timestamps without output are passed over.
+/// Decides to brake once this many consecutive timestamps have outputs that all report the
+/// obstacle. It counts timestamps, not arrivals (A12), and passes over timestamps without an
+/// output.
 ///
-/// T1 also needs that an output without a report breaks no row if local skips its frame. That changes nothing here: what
-/// has come into sight stays in sight.
+/// T1 also demands that an output without a report does not break a row if local skips its frame.
+/// That makes no difference here, because an obstacle that has come into sight stays in sight.
 #[derive(Clone, Debug)]
 pub(crate) struct Planner {
     wanted: usize,
@@ -30,7 +31,7 @@ impl Planner {
         Self { wanted, frames: Vec::new() }
     }
 
-    /// Takes what came of timestamp `t`; whether it decides to brake by that.
+    /// Takes the status of timestamp `t`. Returns `true` if the planner now decides to brake.
     pub(crate) fn take(&mut self, t: usize, sight: FrameStatus) -> bool {
         if self.frames.len() <= t {
             self.frames.resize(t + 1, FrameStatus::Unknown);
@@ -46,7 +47,7 @@ impl Planner {
     }
 }
 
-/// Returns how many report before one does not.
+/// Returns how many frames report before the first frame that is clear or unknown.
 fn reports<'a>(sights: impl Iterator<Item = &'a FrameStatus>) -> usize {
     let row =
         sights.take_while(|sight| matches!(sight, FrameStatus::Missed | FrameStatus::Obstacle));

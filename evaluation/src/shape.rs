@@ -1,4 +1,4 @@
-//! Shapes on the road, seen from above, and whether moving ones touch. Metres.
+//! Shapes on the road, seen from above, in metres, and when moving shapes touch.
 
 /// A position or a displacement: x, y.
 pub(crate) type Point = [f64; 2];
@@ -19,7 +19,7 @@ pub(crate) struct Rectangle {
 }
 
 impl Rectangle {
-    /// The front's left end, its right end, then the rear's right and left.
+    /// Returns the front's left and right ends, then the rear's right and left ends.
     pub(crate) fn corners(&self) -> [Point; 4] {
         let ([x, y], [along, across], half) = (self.front, self.heading, self.width / 2.0);
         let corner = |back: f64, left: f64| {
@@ -33,7 +33,7 @@ impl Rectangle {
         ]
     }
 
-    /// Returns the distance to a point; 0 inside.
+    /// Returns the distance to a point, which is 0 if the point lies inside.
     pub(crate) fn distance_to(&self, point: Point) -> f64 {
         let ([x, y], [along, across]) = (self.front, self.heading);
         let apart = [point[0] - x, point[1] - y];
@@ -43,7 +43,7 @@ impl Rectangle {
         beyond.hypot((aside - self.width / 2.0).max(0.0))
     }
 
-    /// Returns the distance to another; 0 if they overlap.
+    /// Returns the distance to another rectangle, which is 0 if they overlap.
     pub(crate) fn distance(&self, other: &Self) -> f64 {
         let (mine, theirs) = (self.corners(), other.corners());
         let cross = edges(&mine).any(|edge| edges(&theirs).any(|other| do_cross(edge, other)));
@@ -56,9 +56,11 @@ impl Rectangle {
     }
 }
 
-/// Returns when things that keep `distance` and approach each other at most at `fastest` m/s touch first, from `from` until `to`.
+/// Returns when two things first touch, from `from` until `to`. `distance` returns their distance
+/// at an instant, and they approach each other by at most `fastest` m/s.
 ///
-/// It leaps as far as they cannot touch. Grazes of less than a millionth of a second may be passed over.
+/// It skips the time in which they cannot touch yet. It may miss a graze that lasts less than a
+/// millionth of a second.
 pub(crate) fn first_contact(
     (from, to): (f64, f64),
     fastest: f64,
@@ -91,8 +93,8 @@ fn side([first, second]: [Point; 2], third: Point) -> f64 {
     (second[0] - first[0]) * (third[1] - first[1]) - (second[1] - first[1]) * (third[0] - first[0])
 }
 
-/// Returns `true` if two ways cross, each between its ends. What only touches does not: then an end
-/// lies on the other way.
+/// Returns `true` if two segments cross between their ends. Segments that only touch do not cross,
+/// because an end of one lies on the other.
 fn do_cross(one: [Point; 2], other: [Point; 2]) -> bool {
     let is_between =
         |line: [Point; 2], [from, to]: [Point; 2]| side(line, from) * side(line, to) < 0.0;

@@ -1,4 +1,4 @@
-//! One program of the tests: it is built once.
+//! All tests are in one program, so that it is built only once.
 
 mod paper_vehicle;
 mod scenario;

@@ -1,4 +1,5 @@
-//! The book's vehicle: whatever one part dies, control has an output at each of its ticks (E1, E2, E4, E5).
+//! The book's vehicle: whichever part dies, control has an output at each of its ticks (E1, E2, E4,
+//! E5).
 
 #[path = "../examples/paper_vehicle/drive.rs"]
 mod drive;
@@ -74,7 +75,8 @@ fn one_frame_is_answered_in_order() {
     assert!(driven.life[4].answered <= 500 * MS, "{:?}", driven.life);
 }
 
-/// Two of four people, then a box that is nobody's: precision 1 up to a recall of 0.5, and 0 beyond.
+/// Two of four people are found, then a box is wrong. The precision is 1 up to a recall of 0.5, and
+/// 0 beyond.
 #[test]
 fn half_found_world_scores_half() {
     let person = |left| [left, 0.0, left + 10.0, 10.0];
@@ -85,7 +87,8 @@ fn half_found_world_scores_half() {
     assert!((score - 51.0 / 101.0 * 100.0).abs() < 1e-9, "{score}");
 }
 
-/// Boxes that overlap a person by less than half find nobody, as those of somebody who has walked on.
+/// A box that overlaps a person by less than half finds nobody. This happens when somebody has
+/// walked on.
 #[test]
 fn stale_box_misses_who_walked_on() {
     let people = [[4.0, 0.0, 14.0, 10.0]];
@@ -108,7 +111,7 @@ fn the_book_has_the_figures_of_the_drive() {
     }
 }
 
-/// E11: clouds leave no message of this vehicle to a substitute.
+/// No message of this vehicle is left to a substitute, with or without clouds (E11).
 #[test]
 fn no_message_is_left_to_a_substitute() {
     let vehicle = Vehicle::load();

@@ -1,4 +1,4 @@
-//! Scenarios with the options that a user gives, and what the book says of them.
+//! Plays scenarios with the options that a user gives, and checks what the book says of them.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,7 +14,7 @@ use serde_json::Value;
 
 const CHAPTER: &str = include_str!("../../docs/book/src/use/scenarios.md");
 
-/// The chapter has this row.
+/// Asserts that the chapter has this row.
 fn assert_row<T: AsRef<str>>(name: &str, cells: impl IntoIterator<Item = T>) {
     let row =
         cells.into_iter().fold(format!("| {name} |"), |row, cell| row + " " + cell.as_ref() + " |");
@@ -41,13 +41,13 @@ fn json(args: &[&str]) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// Returns what each row has under these keys.
+/// Returns each row's values for these keys.
 fn printed<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
     let rows = rows.as_array().unwrap();
     rows.iter().map(|row| keys.iter().map(|key| &row[*key]).collect()).collect()
 }
 
-/// The traces in a folder, each accepted by the strict judge.
+/// Counts the traces in a folder. The strict judge must accept each of them.
 fn traces(folder: &Path) -> usize {
     let files = fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
     let judged = files.map(|file| {
@@ -93,7 +93,7 @@ fn a_changed_parameter_shows_at_once() {
     ] {
         let changed = json(&[&JAM[..], &change].concat());
         let plain: Value = serde_json::from_str(&plain).unwrap();
-        // By the expected deadline the same cells avoid, and more gently.
+        // With the expected deadline, the same cells avoid collisions, but impacts are gentler.
         let key = if change[1] == "expected" { "impact" } else { "outcome" };
         assert_ne!(
             printed(&changed["cells"], &[key]),
@@ -201,11 +201,11 @@ fn plans_likeliest_hypothesis_first() {
 
 #[test]
 fn book_has_the_rows_of_recorded_networks() {
-    // All twenty speeds take ten seconds, which a landing saves.
+    // Playing all twenty speeds takes ten seconds, so only the full tier does it.
     let is_full = std::env::var("FUSELINE_TIER").is_ok_and(|tier| tier == "full");
     let speeds: &[&str] = if is_full { &[] } else { &["--speed", "20,22"] };
     let text = scenario(&[&["networks"], speeds].concat());
-    // The first table is that of collisions, the second of impact energy.
+    // The first table has the collisions, and the second has the impact energy.
     let row = |start: &str, table: usize| {
         let row = text.lines().filter_map(|line| line.strip_prefix(start)).nth(table);
         row.unwrap().split_whitespace()
@@ -229,17 +229,17 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
         (red, &["skewed"][..]),
         (&["jaywalking"], &["greatest-speed"]),
         (&["networks", "--starts", "2", "--speed", "20,22"], &["collisions", "impact"]),
-        // Few frames: the deadlines are found by many runs.
+        // The rate is low, because finding the deadlines takes many runs.
         (&[&JAM[..], &["--speed", "22", "--rate", "2"]].concat(), &["table", "deadlines"]),
     ] {
         let [one, two] = ["one", "two"].map(|time| at(&format!("{time}-{}", args[0])));
         scenario(&[args, &["-o", &one]].concat());
-        // One scenario stands for all: a picture takes its time.
+        // Only one scenario is drawn twice, because drawing takes long.
         if args == red {
             scenario(&[args, &["-o", &two]].concat());
         }
         let page = fs::read_to_string(Path::new(&one).join("index.html")).unwrap();
-        // On both grounds.
+        // Each plot stands on the page on both grounds.
         assert_eq!(page.matches("<svg").count(), 2 * plots.len(), "{args:?}");
         let page = page.replace("http://www.w3.org/2000/svg", "");
         let outside = ["src=", "href=", "url(", "@import", "http:", "https:"];
@@ -265,7 +265,7 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
     }
 }
 
-/// The length of a side of an SVG.
+/// Returns the length of a side of an SVG.
 fn length(svg: &str, side: &str) -> u32 {
     let (_, rest) = svg.split_once(&format!("{side}=\"")).unwrap();
     rest.split('"').next().unwrap().parse().unwrap()
@@ -288,7 +288,7 @@ fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
     }
 }
 
-/// A field has one type, whatever was chosen.
+/// A field has the same type, whatever was chosen.
 #[test]
 fn policies_and_deadlines_are_texts_in_json() {
     let policies = ["networks", "--starts", "1", "--speed", "20", "--policy", "local,500ms,guard"];

@@ -1,4 +1,4 @@
-//! One drive: sensors, the graph of operators, and what control did at each of its ticks.
+//! One drive: the sensors, the graph of operators, and what control did at each of its ticks.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,23 +20,23 @@ use super::score::{Command, Figures};
 use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
-/// From capture to control.
+/// The deadline from capture to control.
 const END_TO_END: Duration = Duration::from_millis(500);
-/// Control is due between two steps of all that happens before it.
+/// Control's ticks lie between two steps of everything that happens before them.
 const FIRST_TICK: Duration = MS;
 const TICK: Duration = Duration::from_millis(50);
 
 /// The outcome of a drive.
 #[derive(Clone, Default, Debug)]
 pub(crate) struct Driven {
-    /// The number of times that control was due, and its outputs.
+    /// The number of control's ticks, and control's outputs.
     pub(crate) ticks: u64,
     pub(crate) commands: Vec<Command>,
-    /// The number of items of detection that each source has, and how many are substitutes.
+    /// The number of detection's items by source, with [`SUBSTITUTE`] as one of the sources.
     pub(crate) detected_by: BTreeMap<String, usize>,
     /// The number of items of the operators before control that are substitutes.
     pub(crate) substitutes: usize,
-    /// Each operator's answer to one frame.
+    /// How each operator handled the frame that is followed.
     pub(crate) life: Vec<Stage>,
 }
 
@@ -44,7 +44,7 @@ pub(crate) struct Driven {
 pub(crate) const HEAD: &str = "| rule | AP50 | older | age p50 | p99 | substitutes | safe stops ";
 
 impl Driven {
-    /// A line of the table.
+    /// Formats a line of the table.
     pub(crate) fn row(&self, rule: Rule, recording: &Recording) -> String {
         let Figures { ap50, old, ages, stops } = Figures::of(recording, &self.commands, END_TO_END);
         let ([p50, p99], substitutes) = (ages.map(|age| age.as_millis()), self.substitutes);
@@ -59,7 +59,7 @@ impl Driven {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Stage {
     pub(crate) operator: &'static str,
-    /// The frame's age when it was taken in, and when it was answered.
+    /// The frame's age when the operator received it, and when the operator sent its output.
     pub(crate) taken_in: Duration,
     pub(crate) answered: Duration,
     pub(crate) by: String,
@@ -133,7 +133,7 @@ impl Graph {
     ) -> Result<Self, Error> {
         let [tracking, predicting, planning] =
             [30, 20, 46].map(|ms| Latency::measured(90, ms * MS));
-        // Control, and the wait for its next tick.
+        // This covers control, including the wait for its next tick.
         let after_planning = || vec![Latency::stated(52 * MS)];
         let after = |those: &[&Latency]| {
             those.iter().map(|latency| (*latency).clone()).chain(after_planning()).collect()
@@ -230,11 +230,11 @@ impl Graph {
     }
 }
 
-/// The name of a source that is none.
+/// Stands for a source in the counts of items that no source computed.
 const SUBSTITUTE: &str = "substitute";
 
-/// Keeps the items that a consumer would keep under progressive. It drops an item of an earlier
-/// frame than one before it, and an item of the same frame by a source that is no better.
+/// Passes on the items that a consumer would keep under progressive. Drops an item that is older
+/// than an earlier one, or of the same timestamp and from a source that is not better.
 fn newest(mut items: Items<PerceivedScene>) -> Items<PerceivedScene> {
     let (mut writer, reader) = stream(64);
     tokio::spawn(async move {
@@ -263,7 +263,7 @@ fn start<P: Operator>(
     Ok(items)
 }
 
-/// Counts the items of each source, and notes how this operator answered the frame.
+/// Counts the items of each source, and records how this operator handled the frame.
 async fn note<O: Send + Sync + 'static>(
     operator: &'static str,
     mut items: Items<O>,
@@ -273,7 +273,7 @@ async fn note<O: Send + Sync + 'static>(
     while let Some(item) = items.read().await {
         let by = match &item.ending {
             Ending::Preliminary(it) | Ending::Forwarded(it) => &it.source.name,
-            // It was sent before.
+            // The same output was already counted as a preliminary one.
             Ending::Final(_) => continue,
             Ending::Missed | Ending::Refused(_) => SUBSTITUTE,
         };
@@ -284,7 +284,8 @@ async fn note<O: Send + Sync + 'static>(
 }
 
 impl Stage {
-    /// The answer just read, if it is to this frame of a camera.
+    /// Describes the item that was just read, or returns `None` if it is not about this frame of a
+    /// camera.
     fn of<O>(operator: &'static str, item: &Item<O>, frame: usize, by: &str) -> Option<Self> {
         let lineage = item.lineage.as_deref()?;
         let origin = lineage.origin.as_ref()?;
@@ -297,7 +298,8 @@ impl Stage {
     }
 }
 
-/// The recorded frames, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.
+/// Writes the recorded frames, each with the end-to-end deadline. Somebody walks towards the road
+/// for half of each 10 s.
 async fn film(mut camera: Writer<Frame>, part: VehiclePart, drive: Drive, length: Duration) {
     let frames = (0..drive.recording.len()).map(|number| (number, Recording::captured(number)));
     for (number, captured) in frames.take_while(|(_, captured)| *captured < length) {
@@ -307,7 +309,7 @@ async fn film(mut camera: Writer<Frame>, part: VehiclePart, drive: Drive, length
             let frame = Frame { number, walker: number % 70 < 35 };
             let seq = u64::try_from(number).unwrap_or(u64::MAX);
             let lineage = Lineage::new(part.name(), seq, captured).within(END_TO_END);
-            // A frame that finds no room is not taken: the next one is worth more.
+            // A frame that finds no room is dropped, because the next one is worth more.
             let _ = camera.write_with(frame, lineage);
         }
     }
@@ -326,7 +328,8 @@ async fn localize(mut places: Writer<u64>, kill: Kill, length: Duration) {
     }
 }
 
-/// Returns how many ticks there were. Each has to be answered before the next one.
+/// Sends control's ticks and returns how many there were. Control has to answer each before the
+/// next.
 async fn tick_at_20_hz(mut ticks: Writer<()>, length: Duration) -> u64 {
     let start = Instant::now();
     let mut period = interval_at(start + FIRST_TICK, TICK);

@@ -1,8 +1,10 @@
-//! The paper's vehicle: two cameras and a localization, detection with two clouds, tracking with one and a state that goes
-//! along, prediction, planning with contingency plans beside, and control at 20 Hz, under one end-to-end deadline of 500 ms.
+//! The paper's vehicle under one end-to-end deadline of 500 ms. It has two cameras and a
+//! localization. Detection has two clouds, and tracking has one and sends its state along.
+//! Prediction and planning follow, with contingency plans beside them, and then control at 20 Hz.
 //!
-//! Boxes, the runtimes of detection and the networks are recorded; all else is emulated. Time is virtual: equal options give
-//! equal lines. Run it with `cargo run -p fuseline-evaluation --example paper_vehicle -- --kill west-detector`.
+//! The boxes, the runtimes of detection and the networks are recorded; everything else is emulated.
+//! Time is virtual, so equal options give equal output. Run it with `cargo run -p
+//! fuseline-evaluation --example paper_vehicle -- --kill west-detector`.
 
 mod drive;
 mod operators;
@@ -113,7 +115,7 @@ fn print_commands(rule: Rule, driven: &Driven) {
     println!("{rule}: {commands} of {ticks} ticks within {slowest} ms; boxes by {by}");
 }
 
-/// One frame's life.
+/// Prints how each operator handled this frame.
 fn print_frame(frame: usize, driven: &Driven) {
     for stage in &driven.life {
         let (from, to) = (stage.taken_in.as_millis(), stage.answered.as_millis());

@@ -1,4 +1,5 @@
-//! The vehicle's operators. Detection replays what was recorded; what the others compute is emulated.
+//! The vehicle's operators. Detection replays recorded results; the others' computations are
+//! emulated.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +21,7 @@ pub(crate) enum Rule {
     OnBoard,
     /// The larger cloud alone detects.
     CloudAlone,
-    /// Whichever of the three detectors is first.
+    /// The first of the three detectors that answers.
     FirstResponse,
     Eager,
     Patient,
@@ -61,7 +62,7 @@ pub(crate) struct Frame {
 pub(crate) struct PerceivedScene {
     pub(crate) seen: Seen,
     pub(crate) walker: bool,
-    /// For how many frames in a row it was tracked.
+    /// The number of frames in a row in which it was tracked.
     pub(crate) tracked: u32,
 }
 
@@ -115,7 +116,7 @@ impl Rule {
         }
     }
 
-    /// The clouds of detection.
+    /// Returns the clouds of detection.
     const fn clouds(self) -> &'static [Detector] {
         match self {
             Self::OnBoard | Self::FirstResponse => &[],
@@ -126,7 +127,7 @@ impl Rule {
 }
 
 impl Drive {
-    /// Returns what a detector makes of a scene, after as long as it took when it was recorded.
+    /// Returns a detector's result for a scene, after the runtime that was recorded.
     async fn detect(
         &self,
         by: Detector,
@@ -147,7 +148,7 @@ impl Drive {
         self.kill.compute(part, self.recording.runtime(by, scene.seen.frame), scene).await
     }
 
-    /// Whichever detector is first.
+    /// Returns the result of the first detector that answers.
     async fn detect_first(&self, scene: Option<PerceivedScene>) -> Result<PerceivedScene, Error> {
         tokio::select! {
             biased;
@@ -176,7 +177,7 @@ impl Operator for Detection {
             let message_handler = |scene: &Joined<Scene>, _| Some((see(scene)?, 400 * MS));
             setup.use_cloud(handle, message_handler, Ok, priority).name = by.name().into();
         }
-        // The last boxes, older as they are.
+        // The substitute is the last boxes, although they are older.
         let last = keep_last(setup);
         setup.use_substitute(move |_| last.current());
         let mut local = Local::futures(4, move |scene: Arc<Joined<Scene>>, _| {
@@ -194,7 +195,8 @@ impl Operator for Detection {
     }
 }
 
-/// It sends its state along to its cloud, and goes on with the cloud's where that result is sent.
+/// Tracking sends its state along with each request. It continues with the cloud's state if the
+/// cloud's result is sent.
 impl Operator for Tracking {
     type Input = Item<PerceivedScene>;
     type Output = PerceivedScene;
@@ -214,7 +216,7 @@ impl Operator for Tracking {
                 kill.compute(VehiclePart::CloudTracker, 6 * MS, next).await
             }
         };
-        // Only while there is somebody to track.
+        // Requests are sent only while there is somebody to track.
         let message_handler = move |item: &Item<PerceivedScene>, _| {
             let seen = item.value().filter(|seen| rule != Rule::OnBoard && seen.walker)?;
             Some((track(along.current(), *seen), 60 * MS))
@@ -262,7 +264,7 @@ impl Operator for Planning {
         setup: &mut Setup<Item<Prediction>, PerceivedScene>,
     ) -> Local<Item<Prediction>, PerceivedScene> {
         let Drive { rule, kill, tracking, .. } = self.0;
-        // Plans for what is unlikely are obtained beside the outputs, the likeliest first.
+        // Plans for unlikely events are requested beside the outputs, the likeliest event first.
         let plans = SharedState::<Vec<&'static str>>::default();
         let contingencies = plans.clone();
         let handle = move |what: &'static str, _| {
@@ -291,7 +293,7 @@ impl Operator for Planning {
             let plans = plans.clone();
             async move {
                 let prediction = item.value().ok_or("nothing was predicted")?;
-                // With a plan that was made before it only has to be checked.
+                // A plan that was made before only has to be checked, which is faster.
                 let is_ready = plans.with(|plans| plans.contains(&"crosses"));
                 let runtime = if prediction.scene.walker && is_ready { 16 * MS } else { 40 * MS };
                 kill.compute(VehiclePart::LocalPlanner, runtime, prediction.scene).await
@@ -309,11 +311,11 @@ impl Operator for Control {
         setup: &mut Setup<Joined<Order>, Option<PerceivedScene>>,
     ) -> Local<Joined<Order>, Option<PerceivedScene>> {
         let start = self.0.start;
-        // A safe stop.
+        // The substitute is a safe stop.
         setup.use_substitute(|_| Some(None));
         Local::future(move |order: Arc<Joined<Order>>, _| async move {
             tokio::time::sleep(MS).await;
-            // A substitute for a plan is the last one, as old as it is.
+            // A substitute for a plan is the last plan, however old it is.
             let is_fresh = |plan: &PerceivedScene| {
                 start.elapsed() <= Recording::captured(plan.seen.frame) + 1000 * MS
             };
@@ -322,7 +324,7 @@ impl Operator for Control {
     }
 }
 
-/// The last result that was sent, for a substitute.
+/// Keeps the last result that was sent, for use as a substitute.
 fn keep_last<I, O: Clone + Send + Sync + 'static>(
     setup: &mut Setup<I, O>,
 ) -> CarriedState<Option<O>> {
@@ -331,7 +333,7 @@ fn keep_last<I, O: Clone + Send + Sync + 'static>(
     last
 }
 
-/// Holds what the cameras see. A detector finds out who is there.
+/// Returns the frames that the cameras saw. A detector then finds out who is there.
 fn see(scene: &Joined<Scene>) -> Option<PerceivedScene> {
     let Scene { left, right, .. } = scene.set;
     let frames = || [left, right].into_iter().flatten();

@@ -10,10 +10,10 @@ use flate2::read::GzDecoder;
 use fuseline_tokio::Error;
 use serde::Deserialize;
 
-/// The cameras look at the left and at the right half of the picture.
+/// The left camera looks at the left half of the picture, and the right camera at the right half.
 const MIDDLE: f64 = 384.0;
 
-/// A detector. The smaller its network is, the sooner and the worse is its result.
+/// A detector. A smaller network answers sooner and finds less.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum Detector {
     /// On board.
@@ -24,12 +24,12 @@ pub(crate) enum Detector {
     East,
 }
 
-/// Names the boxes that a message stands for, in place of the boxes themselves.
+/// Identifies the boxes of a message, which carries this in place of the boxes themselves.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Seen {
     pub(crate) frame: usize,
     pub(crate) by: Detector,
-    /// The cameras whose frames were there.
+    /// The cameras whose frames had come.
     pub(crate) left: bool,
     pub(crate) right: bool,
 }
@@ -73,13 +73,13 @@ impl Recording {
         self.frames.len()
     }
 
-    /// Returns when a frame is captured, since the first one: 7 a second, as they were filmed.
+    /// Returns the time from the first capture to this frame's. The video has 7 frames a second.
     pub(crate) fn captured(frame: usize) -> Duration {
         let frame = u64::try_from(frame).unwrap_or(u64::MAX);
         Duration::from_millis(frame * 500 / 7 * 2)
     }
 
-    /// The newest frame that was captured by then.
+    /// Returns the newest frame that was captured by then.
     pub(crate) fn newest(&self, since: Duration) -> usize {
         let is_captured = |frame: &usize| Self::captured(*frame) <= since;
         (0..self.len()).take_while(is_captured).last().unwrap_or(0)
@@ -90,7 +90,7 @@ impl Recording {
         in_steps(*self.frames[frame].seconds.of(by) * 1000.0)
     }
 
-    /// The boxes, with their scores.
+    /// Returns the boxes that lie in the cameras' halves of the picture, with their scores.
     pub(crate) fn boxes(&self, seen: Seen) -> impl Iterator<Item = &[f64; 5]> {
         let is_seen = move |found: &&[f64; 5]| {
             let is_left = f64::midpoint(found[0], found[2]) < MIDDLE;
@@ -105,14 +105,14 @@ impl Recording {
     }
 }
 
-/// Milliseconds, rounded up to whole steps of 2 ms. Control's ticks lie between two steps, so that no plan comes just at a tick:
-/// runtimes do not promise the order of what happens at one instant.
+/// Rounds milliseconds up to whole steps of 2 ms. Control's ticks lie between two steps, so no plan
+/// arrives exactly at a tick: the runtime promises no order for events at one instant.
 pub(crate) fn in_steps(ms: f64) -> Duration {
     Duration::from_secs_f64((ms / 2.0).ceil() * 2.0 / 1000.0)
 }
 
 impl Detector {
-    /// The clouds' names; the greater detector has the greater priority.
+    /// Returns the name of the source. The larger detector has the greater priority.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Local => "local",

@@ -1,17 +1,21 @@
 //! The score of a drive: *streaming AP50*.
 //!
-//! Control acts at each of its ticks upon boxes of an earlier frame, and the world has moved on since. So the boxes behind a
-//! command are compared with where people are at its tick: in the newest frame that was captured by then. This is how streaming
-//! perception is scored by Li, Wang and Ramanan, *Towards Streaming Perception*, ECCV 2020.
+//! At each of its ticks, control acts on boxes of an earlier frame, and the world has moved on
+//! since. So the score compares the boxes behind a command with the places of people at its tick,
+//! in the newest frame that was captured by then. Li, Wang and Ramanan score streaming perception
+//! in this way (*Towards Streaming Perception*, ECCV 2020).
 //!
-//! - Within a tick each box, by falling score, takes the person whom it overlaps most among those not taken, if they overlap by
-//!   half (`IoU` 0.5). A box that takes nobody is wrong; a person whom no box takes is missed.
-//! - A tick that ends in a safe stop has no boxes: everybody is missed.
-//! - The boxes of all ticks are put in order by falling score. The precision at a recall is the greatest that is reached at this
-//!   recall or a greater one. The score is its mean over the recalls 0, 0.01, … 1, in percent. This is COCO's AP at an `IoU` of
-//!   0.5; there is one class, people.
-//!
-//! A fresher detection scores better than a stale one of the same detector, and a detector that finds more scores better than
+//! - Within a tick, the boxes choose by falling score. Each takes the free person whom it overlaps
+//!   most, if they overlap by half (`IoU` 0.5). A box that takes nobody is wrong; a person whom no
+//!   box takes is missed.
+//! - A tick that ends in a safe stop has no boxes, so everybody is missed.
+//! - The boxes of all ticks are put in order by falling score. The precision at a recall is the
+//!   greatest that is reached at this recall or a greater one. The score is the mean of the
+//!   precision over the recalls 0, 0.01, … 1, in percent. This is COCO's AP at an `IoU` of 0.5 with
+//!   people as the only class.
+//! A fresh detection scores better than a stale one of the same detector. If two detectors are
+//! equally fresh, the one that finds more people scores better. The score counts no cost of a plan,
+//! a stop or the bytes that were sent.
 //! another that is as fresh. Nothing is paid for a plan, a stop or the bytes that were sent.
 
 use std::time::Duration;
@@ -21,11 +25,11 @@ use super::recording::{Corners, Recording, Seen};
 /// Records what control did at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Command {
-    /// The tick, since the drive began.
+    /// The instant of the tick, since the drive began.
     pub(crate) tick: Duration,
-    /// Since the tick.
+    /// The time from the tick to the command.
     pub(crate) took: Duration,
-    /// The boxes behind the plan; none is a safe stop.
+    /// The boxes behind the plan, or `None` for a safe stop.
     pub(crate) seen: Option<Seen>,
 }
 
@@ -36,7 +40,7 @@ pub(crate) struct Figures {
     pub(crate) ap50: f64,
     /// The share of all ticks, in percent, whose data is older than the end-to-end deadline; a safe stop has no data.
     pub(crate) old: f64,
-    /// The ages of the data at the ticks that have some: the median and the 99th percentile.
+    /// The median and the 99th percentile of the data's age, over the ticks that have data.
     pub(crate) ages: [Duration; 2],
     pub(crate) stops: usize,
 }
@@ -62,7 +66,7 @@ impl Figures {
     }
 }
 
-/// The average precision in percent over ticks, each with its boxes and the people.
+/// Returns the average precision in percent over ticks, each with its boxes and its people.
 pub(crate) fn ap50<'a>(ticks: impl Iterator<Item = (Vec<[f64; 5]>, &'a [Corners])>) -> f64 {
     let (mut boxes, mut people_count) = (Vec::new(), 0);
     for (found, people) in ticks {
@@ -89,7 +93,7 @@ pub(crate) fn ap50<'a>(ticks: impl Iterator<Item = (Vec<[f64; 5]>, &'a [Corners]
     (0..=100).map(at).sum::<f64>() / 101.0
 }
 
-/// The boxes' scores, falling, and whether each is right.
+/// Returns each box's score and whether the box is right, by falling score.
 fn matches(mut found: Vec<[f64; 5]>, people: &[Corners]) -> Vec<(f64, bool)> {
     found.sort_by(|one, other| other[4].total_cmp(&one[4]));
     let mut is_free = vec![true; people.len()];
@@ -107,7 +111,7 @@ fn matches(mut found: Vec<[f64; 5]>, people: &[Corners]) -> Vec<(f64, bool)> {
     found.into_iter().map(take).collect()
 }
 
-/// The overlap (`IoU`).
+/// Returns the overlap of two boxes (`IoU`).
 fn overlap(one: Corners, other: Corners) -> f64 {
     let area =
         |[left, top, right, bottom]: Corners| (right - left).max(0.0) * (bottom - top).max(0.0);
@@ -120,7 +124,7 @@ fn overlap(one: Corners, other: Corners) -> f64 {
     common / (area(one) + area(other) - common)
 }
 
-/// A part of a whole; 0 of nothing.
+/// Returns a part of a whole in percent, or 0 if the whole is 0.
 fn percent(part: usize, whole: usize) -> f64 {
     let float = |count: usize| f64::from(u32::try_from(count).unwrap_or(u32::MAX));
     if whole == 0 { 0.0 } else { 100.0 * float(part) / float(whole) }

@@ -31,7 +31,7 @@ pub(crate) struct Kill {
     at: Instant,
 }
 
-/// Round trips of one network, by time; none where it was not there.
+/// The round trips of one network, by time. A round trip is `None` while the network was not there.
 #[derive(Clone, Debug)]
 pub(crate) struct Network {
     round_trips: Vec<(Duration, Option<Duration>)>,
@@ -77,7 +77,7 @@ impl Kill {
         self.part == Some(part) && self.at <= Instant::now()
     }
 
-    /// A computation of `part`: it takes `runtime`, or never ends.
+    /// Computes for `runtime` and returns `result`, or never ends if `part` is dead.
     pub(crate) async fn compute<T>(
         self,
         part: VehiclePart,
@@ -103,7 +103,8 @@ impl Network {
         Self { round_trips, start: Instant::now() }
     }
 
-    /// Takes as long as a message and its reply took when the network was recorded; where it was not there, forever.
+    /// Waits as long as a message and its reply took when the network was recorded, or forever if
+    /// the network was not there.
     pub(crate) async fn round_trip(self) {
         let length = self.round_trips.last().map_or(Duration::MAX, |(at, _)| *at);
         let since = self.start.elapsed().as_nanos() % length.as_nanos().max(1);

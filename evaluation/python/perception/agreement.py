@@ -21,7 +21,7 @@ from detections import KEPT, SOURCES, KeptDetections, load
 from metrics import THRESHOLDS, Boxes, Precision, match, overlaps, precision
 
 ANNOTATIONS = Path(__file__).with_name("annotations.json")
-#: Boxes by frame.
+#: The boxes of each frame.
 Annotations: TypeAlias = dict[int, Boxes]
 
 

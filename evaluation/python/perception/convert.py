@@ -31,7 +31,7 @@ class OnnxValue(NamedTuple):
 
     name: str
     shape: tuple[int, ...]
-    #: True if TensorFlow has the channels last, and it is kept with the channels first.
+    #: True if TensorFlow has the channels last. The ONNX graph then has them first.
     is_image: bool
 
 
@@ -105,7 +105,7 @@ class Converter:
         shape = [tensor.shape[it] for it in (0, 2, 3, 1)]
         return self._emit("Transpose", [tensor.name], shape, False, perm=(0, 2, 3, 1))
 
-    # What each operation becomes.
+    # Each method below converts one operation.
 
     def _placeholder(self, node: GraphNode) -> OnnxValue:
         return OnnxValue("image", (1, 3, *self._size), node.sizes("shape")[3] == 3)
@@ -180,7 +180,7 @@ class Converter:
         tensor, pads = self._tensor(node.inputs[0]), self._graph.known(node.inputs[1])
         if tensor.is_image:
             pads = pads[[0, 3, 1, 2]]
-        # Before a maximum TensorFlow pads with what no value is below.
+        # Before a maximum, TensorFlow pads with a value that no other is below.
         value = self._graph.known(node.inputs[2]) if len(node.inputs) > 2 else np.zeros(())
         fill = np.float32(max(float(value.ravel()[0]), -3e38))
         inputs = [
@@ -249,7 +249,7 @@ class Converter:
 
     def _resizebilinear(self, node: GraphNode) -> OnnxValue:
         image = self._image(node.inputs[0])
-        # By what it grows is the same at each size.
+        # The image grows by the same factor at each size.
         target = int(self._graph.known(node.inputs[1]).ravel()[0])
         factor = target / round(image.shape[2] * FROZEN / self._size[0])
         mode = "half_pixel" if node.is_set("half_pixel_centers") else "asymmetric"

@@ -1,4 +1,4 @@
-"""Keeps the boxes that the networks found in the frames: policies are compared without models or frames."""
+"""Stores the boxes that the networks found, so that policies need neither models nor frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SOURCES = ("local", "west", "east")
 
 @dataclass(frozen=True)
 class KeptDetections:
-    """Frame by frame: boxes by source, how long each took, and the reference."""
+    """The boxes and the computing times of each source, and the reference, by frame."""
 
     #: Frames a second.
     rate: float
@@ -40,7 +40,7 @@ class KeptDetections:
         return len(self.jpeg_bytes)
 
     def save(self, path: Path = KEPT) -> None:
-        """Writes it as packed JSON: a line about all frames, then one for each."""
+        """Writes packed JSON: a line about all frames, then a line for each frame."""
         lines: list[dict[str, Any]] = [{"rate": self.rate, "networks": self.networks}]
         for frame, jpeg_bytes in enumerate(self.jpeg_bytes):
             seconds = {name: round(self.seconds[name][frame], 4) for name in SOURCES}
@@ -66,7 +66,7 @@ def load(path: Path = KEPT) -> KeptDetections:
 
 
 def _rows(boxes: Boxes) -> list[list[float]]:
-    """Boxes in whole steps."""
+    """Rounds boxes to whole steps."""
     corners = np.round(boxes[:, :4] * STEPS_PER_PIXEL) / STEPS_PER_PIXEL
     rows = np.column_stack([corners, np.round(boxes[:, 4:], 2)])
     return [[int(it) if it == int(it) else it for it in row] for row in rows.tolist()]

@@ -1,4 +1,4 @@
-"""Boxes on frames, coloured by source, as a strip of images."""
+"""Draws boxes on frames, coloured by source, as a strip of images."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from metrics import Boxes
 
-#: Blue, green and red.
+#: Each source's colour: blue, green and red.
 COLOURS = {"local": (0, 140, 255), "west": (255, 120, 0), "east": (60, 200, 0)}
 COLUMNS = 3
 #: The scale of a drawn frame, as a share of its size.
@@ -28,7 +28,7 @@ class DrawnOutput:
 
 
 def draw(image: NDArray[np.uint8], number: int, outputs: list[DrawnOutput]) -> NDArray[np.uint8]:
-    """Returns a frame with its outputs: the last one's boxes thick, those before it thin."""
+    """Returns a frame with its outputs. The last output's boxes are thick, the others thin."""
     image = image.copy()
     for output in outputs:
         is_last = output is outputs[-1]
@@ -45,7 +45,7 @@ def draw(image: NDArray[np.uint8], number: int, outputs: list[DrawnOutput]) -> N
 
 
 def strip(images: list[NDArray[np.uint8]], path: Path) -> None:
-    """The images in rows, as one file."""
+    """Writes the images in rows to one file."""
     blank = np.zeros_like(images[0])
     images = images + [blank] * (-len(images) % COLUMNS)
     images = [
@@ -57,7 +57,7 @@ def strip(images: list[NDArray[np.uint8]], path: Path) -> None:
 
 
 def _write(image: NDArray[np.uint8], words: str, x: int, colour: tuple[int, int, int]) -> int:
-    """Writes words; returns where they end."""
+    """Writes words and returns where they end."""
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.55
     cv2.putText(image, words, (x, 19), font, size, colour, 1, cv2.LINE_AA)
     return int(x + cv2.getTextSize(words, font, size, 1)[0][0])

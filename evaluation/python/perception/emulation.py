@@ -19,7 +19,7 @@ def typical_delay(cloud: str) -> float:
 
 
 def delay(cloud: str, start: int, seconds: float) -> float:
-    """Returns the round trip of what is sent this long after a start, in seconds."""
+    """Returns the round trip of a message that is sent this long after a start, in seconds."""
     first, step = OFFSETS[cloud]
     trip = NETWORKS[cloud].round_trip(first + start * step + seconds)
     assert trip is not None, "neither drive is without a network for ever"

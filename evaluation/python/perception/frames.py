@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: The settings with which a camera would encode them.
+#: The JPEG quality that a camera would use.
 QUALITY = 80
-#: Frames a second, by the speed of those who walk.
+#: Frames a second, estimated from the speed at which people walk.
 RATE = 7.0
 
 
 def extract(video: Path, folder: Path) -> list[Path]:
-    """Writes each frame to a file, and returns the files. Files that are there stay."""
+    """Writes each frame to a file and returns the files. Files that exist are used again."""
     if files := jpegs(folder):
         return files
     part = folder.with_name(f"{folder.name}.part")

@@ -1,7 +1,7 @@
 """Average precision of people, by frame and streaming.
 
-*Streaming* is that of Li, Wang and Ramanan, *Towards Streaming Perception* (2020): at each instant
-the world is compared with the newest output that was sent by then.
+*Streaming* follows Li, Wang and Ramanan, *Towards Streaming Perception* (2020): at each instant the
+world is compared with the newest output that was sent by then.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-#: A box a row: left, top, right, bottom in pixels; a detected one has its score, too.
+#: A box in each row: left, top, right, bottom in pixels. A detected box also has its score.
 Boxes: TypeAlias = NDArray[np.float64]
 
 #: COCO's thresholds of overlap (IoU).
@@ -22,11 +22,11 @@ RECALLS = np.linspace(0.0, 1.0, 101)
 
 
 class BoxMatches(NamedTuple):
-    """Says which of one frame's boxes are right."""
+    """States which of one frame's boxes are right."""
 
     #: The boxes' scores, the greatest first.
     scores: NDArray[np.float64]
-    #: For each box, whether it is right, by threshold.
+    #: True if a box is right, by box and threshold.
     hits: NDArray[np.bool_]
     #: The number of people.
     people: int
@@ -51,11 +51,14 @@ def overlaps(some: Boxes, others: Boxes) -> NDArray[np.float64]:
 
 
 def match(found: Boxes, truth: Boxes) -> BoxMatches:
-    """Each box by falling score takes the free person that it overlaps most, as COCO does."""
+    """Matches boxes with people as COCO does.
+
+    Each box, by falling score, takes the free person that it overlaps most.
+    """
     found = found[np.argsort(-found[:, 4], kind="stable")]
     hits = np.zeros((len(found), len(THRESHOLDS)), np.bool_)
     shared = overlaps(found, truth)
-    # Whom a box may take at all: hardly ever more than one.
+    # The people that a box may take: hardly ever more than one.
     candidates = [
         sorted(
             ((shared[i, j], int(j)) for j in np.flatnonzero(shared[i] >= THRESHOLDS[0])),
@@ -95,7 +98,7 @@ def precision(frames: Iterable[BoxMatches]) -> Precision:
 
 
 def mean_overlap(found: Sequence[Boxes], truth: Sequence[Boxes]) -> float:
-    """Returns the mean overlap (IoU) of the boxes that are right at half."""
+    """Returns the mean overlap (IoU) with the people that some box overlaps by half."""
     best = []
     for boxes, people in zip(found, truth, strict=True):
         if len(boxes) and len(people):

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from metrics import Boxes, overlaps
 
-#: Each source's network, by its input's height and width.
+#: The height and width of the input of each source's network.
 SIZES = {"local": (160, 224), "west": (320, 416), "east": (576, 768)}
 #: COCO's class of people.
 PERSON = 0
-#: Boxes that overlap more than that are one person's.
+#: Boxes that overlap by more than this belong to the same person.
 GREATEST_OVERLAP = 0.5
 #: The normalisation of the network's training: means and deviations of blue, green and red.
 MEAN = np.array([103.53, 116.28, 123.675], np.float32)
 DEVIATION = np.array([57.375, 57.12, 58.395], np.float32)
-#: Cells of the three heads, in pixels of the input.
+#: The sides of the cells of the three heads, in pixels of the input.
 STRIDES = (8, 16, 32)
-#: A side's distance is a distribution over that many cells.
+#: A side's distance is a distribution over this many cells.
 BINS = 11
 CLASSES = 80
 
@@ -46,7 +46,7 @@ class NanoDet:
         cv2.setNumThreads(1)
 
     def detect(self, image: NDArray[np.uint8], least: float = 0.2) -> Boxes:
-        """Returns the people of an image of OpenCV's, by falling score."""
+        """Returns the boxes of people in an OpenCV image, by falling score."""
         height, width = image.shape[:2]
         is_smaller = self._height < height
         small = cv2.resize(
@@ -60,13 +60,13 @@ class NanoDet:
         return separate(self._decode([head[0] for head in heads], least) * scale)
 
     def timed(self, image: NDArray[np.uint8]) -> tuple[Boxes, float]:
-        """Returns the people, and the seconds of processor time that it took."""
+        """Returns the boxes of people, and the processor time of finding them, in seconds."""
         start = time.process_time()
         boxes = self.detect(image)
         return boxes, time.process_time() - start
 
     def _decode(self, heads: list[NDArray[np.float32]], least: float) -> Boxes:
-        """Scores and distances of each cell, as boxes in pixels of the input."""
+        """Turns the cells' scores and distances into boxes, in pixels of the input."""
         scores = sorted((it for it in heads if it.shape[1] == CLASSES), key=len, reverse=True)
         sides = sorted((it for it in heads if it.shape[1] == 4 * BINS), key=len, reverse=True)
         found = [np.zeros((0, 5))]
@@ -84,7 +84,7 @@ class NanoDet:
 
 
 def on_tiles(network: NanoDet, image: NDArray[np.uint8], share: float = 0.6) -> Boxes:
-    """Returns the people that a network finds in four overlapping tiles: slow, and as good as it gets."""
+    """Returns the people that a network finds in four overlapping tiles. This is slow but thorough."""
     height, width = image.shape[:2]
     tile_height, tile_width = round(height * share), round(width * share)
     opinions = []
@@ -98,7 +98,7 @@ def on_tiles(network: NanoDet, image: NDArray[np.uint8], share: float = 0.6) -> 
 
 
 def separate(boxes: Boxes) -> Boxes:
-    """Keeps, of boxes that overlap, the one of the greatest score."""
+    """Drops each box that overlaps a box of a greater score."""
     boxes = boxes[np.argsort(-boxes[:, 4], kind="stable")]
     chosen = []
     while len(boxes):
@@ -109,7 +109,7 @@ def separate(boxes: Boxes) -> Boxes:
 
 
 def average(boxes: Boxes) -> Boxes:
-    """Boxes that overlap the best of them, averaged by their scores (Solovyev et al. 2021)."""
+    """Averages boxes that overlap the best of them, by their scores (Solovyev et al. 2021)."""
     boxes = boxes[np.argsort(-boxes[:, 4], kind="stable")]
     means = []
     while len(boxes):
@@ -124,7 +124,10 @@ def average(boxes: Boxes) -> Boxes:
 def _is_cut(
     boxes: Boxes, left: int, top: int, tile: tuple[int, ...], image: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    """Returns whether a box touches a border inside the image: the neighbouring tile has all of it."""
+    """Returns whether a border inside the image cuts a box.
+
+    The neighbouring tile has the whole box.
+    """
     right, bottom = left + tile[1], top + tile[0]
     cut = np.zeros(len(boxes), np.bool_)
     if left > 0:

@@ -1,4 +1,4 @@
-"""Policies over kept detections in virtual time: the wheel's own operator decides."""
+"""Plays policies over stored detections in virtual time. The wheel's own operator decides."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from metrics import match, mean_overlap, precision
 
 #: The deadline of a result, in seconds.
 DEADLINE = 0.5
-#: The time that a call may run on, so that a policy learns its true response time.
+#: How long a call may run on, so that a policy learns its true response time.
 LINGER = 30.0
 #: The price of waiting for `Expected`, in points of AP50 a millisecond.
 PRICE_PER_MS = 0.1
@@ -27,7 +27,7 @@ CLOUDS = SOURCES[1:]
 
 @dataclass(frozen=True, order=True)
 class SentBoxes:
-    """An output: whose boxes of which frame were sent when."""
+    """An output: the source and the frame of the boxes, and when they were sent."""
 
     #: Seconds after the first frame.
     at: float
@@ -39,17 +39,17 @@ class SentBoxes:
 class Playthrough:
     """The outcome of one approach from one start."""
 
-    #: In the order in which they were sent.
+    #: The outputs in the order in which they were sent.
     outputs: list[SentBoxes]
     #: The bytes that were sent to clouds.
     byte_count: int
 
 
 class KeptDrive:
-    """The kept detections over the networks from one start.
+    """The stored detections over the networks from one start.
 
-    `speed_share` is how much of the boxes' speeds `Streaming` learns: less than all if the consumer
-    moves boxes on.
+    `speed_share` is the share of the boxes' speeds that `Streaming` learns. It is less than 1 if
+    the consumer itself moves boxes on.
     """
 
     def __init__(self, kept: KeptDetections, start: int, speed_share: float = 1.0) -> None:
@@ -60,14 +60,14 @@ class KeptDrive:
         return frame / self.kept.rate
 
     def response(self, source: str, frame: int) -> float:
-        """Returns how long after its capture a source's result is there."""
+        """Returns how long after its capture a source's result comes."""
         taken = self.kept.seconds[source][frame]
         if source == "local":
             return taken
         return delay(source, self.start, self.captured(frame)) + taken
 
     def alone(self, source: str) -> Playthrough:
-        """One source's results, each when it comes."""
+        """Plays one source, which sends each result when it comes."""
         outputs = [
             SentBoxes(self.captured(frame) + self.response(source, frame), frame, source)
             for frame in range(len(self.kept))
@@ -75,7 +75,7 @@ class KeptDrive:
         return Playthrough(sorted(outputs), 0 if source == "local" else sum(self.kept.jpeg_bytes))
 
     def first_response(self) -> Playthrough:
-        """Whichever result of a frame is first."""
+        """Plays the approach that sends the first result of each frame."""
         choices = zip(*(self._by_frame(source) for source in SOURCES), strict=True)
         return Playthrough(
             sorted(min(each) for each in choices), len(CLOUDS) * sum(self.kept.jpeg_bytes)
@@ -87,7 +87,10 @@ class KeptDrive:
     def fused(
         self, commit: str, policy: Callable[[str], Policy] | None = None, trace: str | None = None
     ) -> Playthrough:
-        """Plays an operator, with a policy for each cloud or else a constant deadline. Returns what it sends."""
+        """Plays an operator, with a policy for each cloud or else a constant deadline.
+
+        Returns what it sends.
+        """
         return testing.run(lambda loop: self._fuse(loop, commit, policy, trace))
 
     async def _fuse(
@@ -120,7 +123,7 @@ class KeptDrive:
                 linger=LINGER if policies else 0.0,
             )
         outputs, forecast = [], Forecast()
-        # Under progressive no output is older for waiting.
+        # Under progressive, waiting makes no output older.
         speed_share = 0.0 if commit == "progressive" else self.speed_share
         begin = loop.time()
         async with operator:
@@ -151,7 +154,7 @@ class KeptDrive:
 
 
 class MeasuredPolicies:
-    """Policies made of how well the sources do on these frames."""
+    """Makes policies from how well the sources do on these frames."""
 
     def __init__(self, kept: KeptDetections) -> None:
         self._kept = kept
@@ -174,13 +177,13 @@ class MeasuredPolicies:
         return computes + (typical_delay(source) if source in CLOUDS else 0.0)
 
     def expected(self, cloud: str) -> Expected:
-        """By accuracy and a price of waiting, against the source below."""
+        """Chooses by accuracy and a price of waiting, against the source below."""
         below = SOURCES[SOURCES.index(cloud) - 1]
         local, better = (self.detectors[it].accuracy for it in (below, cloud))
         return Expected(Accuracy(local, better, PRICE_PER_MS), self.response(below), None)
 
     def streaming(self, cloud: str) -> Streaming:
-        """By accuracy and what the world moves, against the source below."""
+        """Chooses by accuracy and how far the world moves, against the source below."""
         below = SOURCES[SOURCES.index(cloud) - 1]
         local, better = (self.detectors[it] for it in (below, cloud))
         return Streaming(local, better, 1 / self._kept.rate, self.response(below), None)

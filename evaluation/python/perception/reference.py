@@ -1,8 +1,9 @@
-"""Finds where people are, by means that no operator has: the largest network on tiles, joined over time.
+"""Finds where people are, by means that no operator has.
 
-A box belongs to the track whose last box it overlaps most. Gaps are filled, and tracks that are
-short or never sure are left out: both look into the future. So is what stands in the same place all
-the time, as the camera does: signs, cones and stones.
+The largest network looks at tiles, and its boxes are joined over time. A box joins the track whose
+last box it overlaps most. Gaps are filled, and tracks that are short or never sure are left out:
+both need the future. Signs, cones and stones are left out too, because they stay in the same place
+all the time.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ import numpy as np
 
 from metrics import Boxes, overlaps
 
-#: A track goes on where a box overlaps its last one by as much.
+#: A track continues with a box that overlaps its last box by at least this much.
 LEAST_OVERLAP = 0.25
-#: Frames in which a track may have no box.
+#: A track ends if its last box is more than this many frames old.
 GREATEST_GAP = 6
-#: Frames that a track has at least.
+#: The least number of frames of a track.
 LEAST_LENGTH = 5
-#: Each track has a score of that once.
+#: The score that a track must reach at least once.
 SURE = 0.5
-#: A box is a thing's if one of that overlap is there in such a share of the frames.
+#: A box is a thing if a box with this overlap is there in more than this share of the frames.
 SAME_PLACE, GREATEST_SHARE = 0.6, 0.35
 #: One frame in this many is looked at for things.
 THING_STEP = 8
@@ -29,9 +30,9 @@ Track = list[tuple[int, Boxes]]
 
 
 def reference(frames: list[Boxes]) -> list[Boxes]:
-    """Boxes without scores for each frame."""
+    """Returns boxes without scores for each frame."""
     people: list[list[Boxes]] = [[] for _ in frames]
-    # The longer track has a person whom two tracks claim.
+    # If two tracks claim a person, the longer track has the person.
     for track in sorted(tracks(without_things(frames)), key=len, reverse=True):
         for (frame, box), (end, following) in zip(track, [*track[1:], track[-1]], strict=True):
             people[frame].append(box)
@@ -42,7 +43,7 @@ def reference(frames: list[Boxes]) -> list[Boxes]:
 
 
 def _one_each(boxes: Boxes) -> Boxes:
-    """Drops boxes of the same place as one before them."""
+    """Drops boxes that are in the same place as an earlier box."""
     chosen = boxes[:0]
     for box in boxes:
         if not len(chosen) or overlaps(box[None], chosen).max() < SAME_PLACE:
@@ -66,7 +67,7 @@ def without_things(frames: list[Boxes]) -> list[Boxes]:
 
 
 def tracks(frames: list[Boxes]) -> list[Track]:
-    """Boxes joined over time."""
+    """Joins boxes over time."""
     ended: list[Track] = []
     following: list[Track] = []
     for number, boxes in enumerate(frames):

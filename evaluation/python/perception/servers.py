@@ -27,7 +27,7 @@ from record import network
 
 
 def encode(boxes: Boxes) -> bytes:
-    """Boxes as they travel."""
+    """Returns the boxes as they travel."""
     return json.dumps(boxes.round(2).tolist()).encode()
 
 
@@ -40,7 +40,8 @@ async def serve(cloud: str, models: Path, start: int) -> None:
     """Serves until the process ends."""
     model = network(models, cloud)
     model.detect(np.zeros((576, 768, 3), np.uint8))  # the first is slower
-    # One at a time: a call that is given up while it waits is not computed.
+    # The worker computes one call at a time. It does not compute a call that was given up while it
+    # waited.
     worker = ThreadPoolExecutor(1)
 
     def compute(jpeg: bytes) -> Boxes:

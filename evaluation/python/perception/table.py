@@ -52,7 +52,7 @@ class Scorer:
         self._known: dict[tuple[str, int, int], BoxMatches] = {}
 
     def score(self, played: Playthrough) -> Scores:
-        """Returns all scores of what was played."""
+        """Returns all scores of a playthrough."""
         kept = self._kept
         in_time, first = self._by_frame(played)
         by_frame = precision(self._matches(in_time.get(k), k) for k in range(len(kept)))
@@ -82,7 +82,7 @@ class Scorer:
         return last, first
 
     def _stream(self, played: Playthrough) -> tuple[list[tuple[str, int] | None], list[np.ndarray]]:
-        """At each frame's instant the newest output, and its boxes moved on."""
+        """Returns the newest output at each frame's instant, and its boxes moved on."""
         kept = self._kept
         newest: tuple[int, int] | None = None
         stream: list[tuple[str, int] | None] = []
@@ -101,7 +101,7 @@ class Scorer:
         return stream, moved
 
     def _matches(self, boxes: tuple[str, int] | None, frame: int) -> BoxMatches:
-        """Says which of a source's boxes of one frame are right in another."""
+        """Returns which of a source's boxes of one frame are right in another."""
         if boxes is None:
             return match(NO_BOXES, self._kept.reference[frame])
         source, of = boxes
@@ -143,13 +143,13 @@ def mean(scores: list[Scores], figure: str) -> float:
 
 
 def least_gain(scores: list[Scores], against: list[Scores], figure: str) -> float:
-    """By how much a figure is above another approach's at the start where that is least."""
+    """Returns the least difference between a figure and another approach's, over the starts."""
     pairs = zip(scores, against, strict=True)
     return min(float(getattr(one, figure) - getattr(other, figure)) for one, other in pairs)
 
 
 def print_table(rows: dict[str, list[Scores]]) -> None:
-    """The table in Markdown: means over the starts."""
+    """Prints the table in Markdown, with means over the starts."""
     heads = ["AP50", "AP", "sAP50", "sAP", "fsAP50", "fsAP", "on time", "p50", "p99", "sent"]
     local = rows.get("local alone")
     heads += ["least sAP50 over local", "least fsAP50 over local"] if local else []

@@ -22,7 +22,7 @@ KEPT = load()
 
 
 def boxes(*rows: tuple[float, ...]) -> Boxes:
-    """Rows as boxes."""
+    """Returns rows as boxes."""
     return np.array(rows, np.float64)
 
 
@@ -37,7 +37,7 @@ def _row_of_the_readme(name: str) -> list[str]:
 
 
 class Metrics(unittest.TestCase):
-    """Worked out by hand."""
+    """Compares the metrics with figures that were worked out by hand."""
 
     def test_overlap_is_common_by_all(self) -> None:
         shared = overlaps(
@@ -50,7 +50,7 @@ class Metrics(unittest.TestCase):
         found = boxes((0, 0, 10, 9, 0.4), (0, 0, 10, 8, 0.9))
         scores, hits, people = match(found, person)
         self.assertEqual((scores.tolist(), people), ([0.9, 0.4], 1))
-        # At 0.85 the first is no hit any more, and the second finds the person.
+        # At 0.85 the first is no longer a hit, and the second finds the person.
         self.assertEqual(hits[:, 0].tolist(), [True, False])
         self.assertEqual(hits[:, 7].tolist(), [False, True])
 
@@ -78,7 +78,7 @@ class Metrics(unittest.TestCase):
 
 
 class Comparison(unittest.TestCase):
-    """Ten starts of each drive."""
+    """Compares the approaches over ten starts of each drive."""
 
     rows: ClassVar[dict[str, list[Scores]]]
 
@@ -132,7 +132,7 @@ class Comparison(unittest.TestCase):
 
 
 class ByHand(unittest.TestCase):
-    """The boxes that were drawn by hand."""
+    """Tests the boxes that were drawn by hand."""
 
     def test_readme_states_how_well_they_agree(self) -> None:
         first, again = read()
@@ -155,7 +155,7 @@ class ByHand(unittest.TestCase):
 
 
 class KeptFile(unittest.TestCase):
-    """The kept detections themselves."""
+    """Tests the file of the stored detections."""
 
     def test_they_are_small_and_come_back_as_they_were(self) -> None:
         with tempfile.TemporaryDirectory() as folder:

@@ -49,7 +49,7 @@ class GraphNode(NamedTuple):
 
 
 class TfjsGraph:
-    """The nodes by name, and the values of those that are constant.
+    """The nodes by name, and the values of the constant nodes.
 
     Raises:
         ValueError: if the files are no such graph.
@@ -68,7 +68,7 @@ class TfjsGraph:
         self._constants: dict[str, Constant | None] = {}
 
     def constant(self, name: str) -> Constant | None:
-        """Returns the value of a node that depends on no input; None of any other."""
+        """Returns the value of a node, or None if it depends on an input."""
         name = name.split(":")[0]
         if name not in self._constants:
             self._constants[name] = self._compute(self.nodes[name])
@@ -104,7 +104,7 @@ class TfjsGraph:
 def padding(
     sizes: Sequence[int], spans: Sequence[int], strides: Sequence[int], kind: str
 ) -> tuple[list[int], list[int]]:
-    """Pads before and after, as TensorFlow chooses them, and what sizes come out."""
+    """Returns the pads before and after, as TensorFlow chooses them, and the resulting sizes."""
     pads, out = [0] * 4, []
     for axis, (size, span, stride) in enumerate(zip(sizes, spans, strides, strict=True)):
         if kind == "SAME":
@@ -120,7 +120,7 @@ def _node(described: dict[str, Any]) -> GraphNode:
 
 
 def _weights(folder: Path, manifest: list[dict[str, Any]]) -> dict[str, Constant]:
-    """All weights, also those that are stored in fewer bits."""
+    """Reads all weights, including weights that are stored in fewer bits."""
     weights = {}
     for group in manifest:
         data = b"".join((folder / path).read_bytes() for path in group["paths"])

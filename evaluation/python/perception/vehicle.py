@@ -112,7 +112,7 @@ class LiveRun:
             yield jpeg
 
     def played(self) -> tuple[KeptDetections, Playthrough]:
-        """Returns what was sent, as table.py scores it."""
+        """Returns the run in the form that table.py scores."""
         found: dict[str, list[Boxes]] = {it: [NO_BOXES] * len(self._files) for it in SOURCES}
         outputs = []
         for item in self.items:
@@ -131,7 +131,7 @@ class LiveRun:
         return kept, Playthrough(sorted(outputs), self._bytes)
 
     def draw(self, path: Path) -> None:
-        """A strip of frames all over the run."""
+        """Draws a strip of frames from all over the run."""
         outputs: dict[int, list[DrawnOutput]] = {}
         for item in self.items:
             if item.value is not None:

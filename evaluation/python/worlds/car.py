@@ -14,8 +14,11 @@ LENGTH, WIDTH = 4.7, 1.9
 
 
 class Car:
-    """A car in metres, seconds and radians. Its state is that of CommonRoad: x, y of the centre of mass, steering angle,
-    speed, heading, yaw rate, slip."""
+    """A car in metres, seconds and radians.
+
+    Its state is CommonRoad's: x and y of the centre of mass, steering angle, speed, heading, yaw
+    rate and slip.
+    """
 
     def __init__(self, front: tuple[float, float], heading: float, speed: float) -> None:
         self.figures = parameters_vehicle2()
@@ -45,7 +48,7 @@ class Car:
         return x + LENGTH / 2 * math.cos(self.heading), y + LENGTH / 2 * math.sin(self.heading)
 
     def brake(self, seconds: float, deceleration: float) -> None:
-        """Drives on, braking."""
+        """Drives on and brakes."""
         self._step(seconds, 0.0, -deceleration if self.speed > 0.05 else 0.0)
 
     def coast(self, seconds: float) -> None:
@@ -53,14 +56,17 @@ class Car:
         self._step(seconds, 0.0, 0.0)
 
     def swerve(self, seconds: float, lateral: float) -> None:
-        """Drives on, turning the wheels to the left as fast as they can, to the angle of this lateral acceleration."""
+        """Drives on and turns the wheels to the left.
+
+        The wheels turn as fast as they can, up to the angle of this lateral acceleration.
+        """
         wheelbase = self.figures.a + self.figures.b
         angle = math.atan(lateral * wheelbase / max(self.speed, 1.0) ** 2)
         turning = self._state[2] < min(self.figures.steering.max, angle)
         self._step(seconds, self.figures.steering.v_max if turning else 0.0, 0.0)
 
     def distance_to(self, point: tuple[float, float]) -> float:
-        """From a point to the car's rectangle; 0 within."""
+        """Returns the distance from a point to the car's rectangle, which is 0 inside."""
         dx, dy = point[0] - self.middle[0], point[1] - self.middle[1]
         along = math.cos(self.heading) * dx + math.sin(self.heading) * dy
         across = -math.sin(self.heading) * dx + math.cos(self.heading) * dy

@@ -1,4 +1,5 @@
-"""One drive: SUMO moves the world, the operator's outputs brake the car, SUMO says what collides."""
+"""One drive: SUMO moves the world and reports collisions, and the operator's outputs brake the car.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +22,15 @@ from planner import Planner
 from scenes import EGO, KINDS, Scene
 from world import Pose, World, running
 
-#: As `fuseline scenario` has them: fitted to the paper's traffic jam.
+#: The ranges of `fuseline scenario`, which are fitted to the paper's traffic jam.
 RANGES = (39.0, 57.0)
 DECELERATION, BRAKE_DELAY = 7.5, 0.1
 #: The paper's runtimes of the smaller detector on board and the larger one in the cloud, in s.
 LOCAL, CLOUD = 0.3017, 0.1182
 RATE = 30.0
-#: No drive is longer, in s.
+#: The longest drive, in s.
 LONGEST = 40.0
-#: The calls that a policy knows of at the start, in s.
+#: How long the cloud is called before a scene begins, so that policies know some calls, in s.
 BEFORE = 3.0
 
 PARAMETERS = Parameters(
@@ -41,7 +42,7 @@ PARAMETERS = Parameters(
 
 
 def nanos(seconds: float) -> int:
-    """Seconds in nanoseconds."""
+    """Converts seconds to nanoseconds."""
     return round(seconds * 1e9)
 
 
@@ -54,7 +55,8 @@ def _first(local: int, cloud: int | None) -> tuple[int, int]:
     return (local, 0) if cloud is None or local <= cloud else (cloud, 1)
 
 
-#: Each approach, and how to make its operator. The first never reports anything: what it hits, somebody must brake for.
+#: How each approach makes its operator. The first never reports anything, so it hits whatever has
+#: to be braked for.
 APPROACHES: dict[str, Callable[[], VirtualOperator]] = {
     "blind": lambda: Race(lambda _local, _cloud: None),
     "local": lambda: Race(lambda local, _cloud: (local, 0)),
@@ -63,15 +65,16 @@ APPROACHES: dict[str, Callable[[], VirtualOperator]] = {
     "0.5 s": lambda: Fused(Constant(0.5)),
     "guard": lambda: Fused(Guard(PARAMETERS)),
     "expected": lambda: Fused(_expected()),
-    # The detector on board, and beside it what `Neighbours` brings.
+    # The detector on board. `Neighbours` adds the shared locations.
     "sharing": lambda: Race(lambda local, _cloud: (local, 0)),
 }
 
 
 class Neighbours:
-    """Shared locations: ego requests them ten times a second, with a deadline of 0.5 s.
+    """Shared locations, which ego requests ten times a second with a deadline of 0.5 s.
 
-    Local answers with an empty list at once; the cloud with what the other car reported last before the request.
+    Local answers with an empty list at once. The cloud answers with the other car's last report
+    before the request.
     """
 
     EVERY = 0.1
@@ -99,11 +102,12 @@ class Neighbours:
 class Result:
     """The end of a drive."""
 
-    #: Ego's speed where SUMO saw it collide, in m/s; None: it did not.
+    #: Ego's speed when SUMO saw it collide, in m/s, or None if it did not.
     impact: float | None
-    #: The instant at which it decided to brake, in s; None: never.
+    #: The instant at which it decided to brake, in s, or None if it never did.
     decided: float | None
-    #: From the front to the hazard when it stood or ended, in m; None: not in view.
+    #: The distance from the front to the hazard when the drive ended, in m, or None if the hazard
+    #: was not in view.
     left: float | None
 
 
@@ -115,11 +119,14 @@ def drive(
     offset: float = 0.0,
     log: Callable[[str], None] | None = None,
 ) -> Result:
-    """Drives a scene once. The network is a recording from `offset` on, or a response in s that never changes."""
+    """Drives a scene once.
+
+    The network is a recording from `offset` on, or a response in s that never changes.
+    """
     operator, planner = APPROACHES[approach](), Planner()
     begin = BEFORE if isinstance(network, Network) else 0.0
     frames: list[float | None] = []
-    # What the cloud did before the scene begins.
+    # These calls of the cloud come before the scene begins.
     for number in range(int(begin * RATE)):
         at = number / RATE
         operator.frame(
@@ -181,7 +188,7 @@ def drive(
 
 
 def _response(network: Network | float, at: float) -> int | None:
-    """Returns the cloud's response to what is captured at this instant, in ns; None: none ever comes."""
+    """Returns the cloud's response to a frame of this instant, in ns, or None if it never comes."""
     if not isinstance(network, Network):
         return nanos(network)
     round_trip = network.round_trip(at)
@@ -189,6 +196,6 @@ def _response(network: Network | float, at: float) -> int | None:
 
 
 def _round_trip(network: Network | float, at: float) -> int | None:
-    """Returns the round trip of a message that nobody computes."""
+    """Returns the round trip of a message that needs no computation."""
     response = _response(network, at)
     return None if response is None else max(0, response - nanos(CLOUD))

@@ -27,7 +27,7 @@ SITUATIONS: dict[str, Callable[[random.Random], Scene]] = {
     "jaywalking": Meeting.draw_person,
 }
 NETWORKS = load_all()
-#: A round trip that is slow, in s.
+#: A longer round trip counts as slow, in s.
 SLOW = 0.5
 
 
@@ -42,7 +42,7 @@ class Drive:
 
 
 def draw(seed: int) -> tuple[str, Scene, int, float]:
-    """Returns the meaning of a seed: the situation, the network's number, and the start."""
+    """Returns what a seed draws: the situation, its scene, the network's number, and the start."""
     rng = random.Random(seed)
     situation = rng.choice(list(SITUATIONS))
     scene = SITUATIONS[situation](rng)
@@ -51,7 +51,10 @@ def draw(seed: int) -> tuple[str, Scene, int, float]:
 
 
 def _place(rng: random.Random, network: Network) -> float:
-    """From where a recording is played: of every two drives one meets a slow or absent network, where there is one."""
+    """Returns from where a recording is played.
+
+    Every other drive meets a slow or absent network, if the recording has one.
+    """
     slow = [
         at
         for at, it in zip(network.sent, network.round_trips, strict=True)
@@ -63,7 +66,7 @@ def _place(rng: random.Random, network: Network) -> float:
 
 
 def run(seed: int, approaches: Sequence[str] = tuple(APPROACHES)) -> Drive:
-    """Drives it once with each approach."""
+    """Drives a seed once with each approach."""
     results = {}
     for approach in approaches:
         situation, scene, number, offset = draw(seed)
@@ -72,7 +75,7 @@ def run(seed: int, approaches: Sequence[str] = tuple(APPROACHES)) -> Drive:
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
-    """Wilson's interval of a share, at 95 %."""
+    """Returns Wilson's interval of a share, at 95 %."""
     if not of:
         return 0.0, 1.0
     z, share = 1.959964, hits / of
@@ -98,7 +101,7 @@ def summary(drives: Sequence[Drive], approach: str) -> dict[str, float]:
 
 
 def worse(drives: Sequence[Drive], approach: str) -> list[Drive]:
-    """Drives in which it collides and local alone does not."""
+    """Returns the drives in which it collides and local alone does not."""
     return [
         it for it in drives
         if it.results[approach].impact is not None and it.results["local"].impact is None
@@ -106,7 +109,7 @@ def worse(drives: Sequence[Drive], approach: str) -> list[Drive]:
 
 
 def print_table(drives: Sequence[Drive], approaches: Sequence[str]) -> None:
-    """The table, for all drives and for each situation."""
+    """Prints the table, for all drives and for each situation."""
     groups = {"all": list(drives)}
     groups |= {name: [it for it in drives if it.situation == name] for name in SITUATIONS}
     for group, members in groups.items():
@@ -124,7 +127,7 @@ def print_table(drives: Sequence[Drive], approaches: Sequence[str]) -> None:
 
 
 def show(seed: int, approach: str) -> None:
-    """One drive, step by step."""
+    """Prints one drive, step by step."""
     situation, scene, number, offset = draw(seed)
     print(
         f"drive {seed}: {situation}, {scene}\nover {NETWORKS[number].name} from {offset:.1f} s, {approach}"

@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 
 
 class SeededFault(NamedTuple):
-    """A line that is changed, and who must notice."""
+    """A line that is changed, and the check that must fail."""
 
     file: str
     line: str

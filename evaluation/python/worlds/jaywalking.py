@@ -19,7 +19,7 @@ STEP = 0.001
 
 
 def touches(speed: float, response: float, *, swerves: bool, steering_rate: float) -> bool:
-    """Returns whether the car touches the person, if it acts after this response."""
+    """Returns whether the car touches the person if it acts after this response."""
     car, now = Car((0.0, 0.0), 0.0, speed), 0.0
     car.figures.steering.v_max = steering_rate
     while car.middle[0] < DISTANCE + 5.0 and now < 4.0:

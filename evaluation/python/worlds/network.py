@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
 DRIVES = ROOT / "testkit/data"
-#: The columns of `testkit/data`, but for a wifi that was hardly ever there.
+#: The columns of `testkit/data`, except a wifi that was hardly ever there.
 NETWORKS = (
     *(("cicv5g", name, "rtt_ms") for name in (
         "arterial_n78_v80", "rural_n8_v0", "rural_n8_v10", "strong_to_weak_n8_v30",
@@ -32,16 +32,16 @@ class Network:
 
     @property
     def length(self) -> float:
-        """Seconds until it starts again: the last row lasts as long as the one before."""
+        """The seconds until it starts again. The last row lasts as long as the row before it."""
         return 2 * self.sent[-1] - self.sent[-2]
 
     def round_trip(self, at: float) -> float | None:
-        """Returns the round trip of what is sent this many seconds after the drive's start."""
+        """Returns the round trip of a message sent this many seconds after the drive's start."""
         return self.round_trips[bisect_right(self.sent, at % self.length) - 1]
 
 
 def load(folder: str, name: str, column: str) -> Network:
-    """One column of one file of `testkit/data`."""
+    """Loads one column of one file of `testkit/data`."""
     sent, round_trips = [], []
     with (DRIVES / folder / f"{name}.csv").open(newline="") as text:
         for row in csv.DictReader(text):

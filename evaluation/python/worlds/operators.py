@@ -15,7 +15,7 @@ from fuseline.deadline import End, Policy, Situation
 
 #: The cloud's priority.
 CLOUD = 1
-#: Nothing here waits longer, in seconds: a drive is shorter.
+#: Longer than any drive, in seconds.
 FOREVER = 3600.0
 
 
@@ -25,7 +25,7 @@ class Output:
 
     at: int
     t: int
-    #: 0 is local, 1 the cloud; None where the frame has no output.
+    #: 0 is local and 1 the cloud. None if the frame has no output.
     source: int | None = field(compare=False)
 
 
@@ -33,14 +33,15 @@ class VirtualOperator(Protocol):
     """Takes frames and gives outputs; instants and durations are nanoseconds."""
 
     def frame(self, at: int, local: int, cloud: int | None, situation: Situation) -> None:
-        """A frame is captured; local and the cloud (if ever) will have a result after this long."""
+        """Captures a frame, for which local and the cloud (if ever) have a result after this long.
+        """
 
     def until(self, now: int) -> list[Output]:
         """Returns the outputs that left by now and were not taken yet."""
 
 
 class Race:
-    """Works without a machine: local alone, the cloud alone, or whichever is first."""
+    """Works without a machine: local alone, the cloud alone, or the first of them."""
 
     def __init__(self, choose: Callable[[int, int | None], tuple[int, int] | None]) -> None:
         self._choose, self._outputs, self._t = choose, list[Output](), 0
@@ -127,6 +128,6 @@ class Fused:
             self._ended(t, source, at, End.CENSORED)
 
     def _ended(self, t: int, source: int, at: int, end: End) -> None:
-        """A call of the cloud has ended; the policy learns it once."""
+        """Reports to the policy, once, that a call of the cloud has ended."""
         if source == CLOUD and t in self._called:
             self._policy.ended(end, ns(at - self._called.pop(t)))

@@ -10,7 +10,7 @@ class Planner:
         self._wanted, self._reports = wanted, dict[int, bool]()
 
     def take(self, t: int, reports: bool) -> bool:
-        """Takes the output of frame `t`; whether it decides to brake by that."""
+        """Takes the output of frame `t` and returns whether the planner now decides to brake."""
         self._reports[t] = reports
         if not reports:
             return False

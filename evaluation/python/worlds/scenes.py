@@ -22,7 +22,8 @@ KINDS = {
     # SUMO moves it as a vehicle, as wide and long as a person.
     "person": Kind(0.6, 0.6, 3.0, "bicycle"),
 }
-#: A red light's line is so far before the middle of ego's lane, in m; who needs more than this to stop there will not, in m/s².
+#: The distance of a red light's line from the middle of ego's lane, in m, and the deceleration
+#: above which a car does not stop at the line, in m/s².
 LINE, HARD = 5.0, 4.0
 
 
@@ -39,19 +40,19 @@ class Scene(Protocol):
         """Moves the others, once a step."""
 
     def distance(self, world: World, ego: Pose) -> float | None:
-        """Returns the distance of the hazard, if the camera has it in view."""
+        """Returns the distance of the hazard, or None if the camera does not have it in view."""
 
     def reveal(self, world: World, ego: Pose) -> float | None:
         """Returns the distance to the nearest place from which something may come into sight."""
 
     def shared(self, world: World) -> Pose | None:
-        """Returns what the hazard shares of itself, if it is a vehicle that does."""
+        """Returns the pose that the hazard shares, or None if it shares none."""
 
     def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
-        """Returns whether ego brakes for what a vehicle shared this long ago, if it went on."""
+        """Returns whether ego brakes for a vehicle that shared this pose `age` ago and went on."""
 
     def is_over(self, world: World, ego: Pose) -> bool:
-        """Returns whether ego is past it."""
+        """Returns whether ego is past the hazard."""
 
     def is_still(self, world: World) -> bool:
         """Returns whether a car that stands is safe from now on."""
@@ -66,13 +67,15 @@ def _in_view(world: World, ego: Pose, between: tuple[str, ...]) -> float | None:
 
 @dataclass
 class Jam:
-    """Something stands on ego's lane. A car before ego may hide it until it changes its lane."""
+    """Something stands on ego's lane. A car before ego may hide it until that car changes its lane.
+    """
 
     speed: float
     kind: str = "motorcycle"
-    #: From ego's front to the rear of what stands, at the start.
+    #: The distance from ego's front to the obstacle's rear, at the start.
     start: float = 200.0
-    #: The car before ego: its distance, and how far before the hazard it leaves the lane; none: there is no such car.
+    #: The car before ego: its distance, and how far before the hazard it leaves the lane. None if
+    #: there is no such car.
     lead: tuple[float, float] | None = None
     #: Cars on the other lane: distance from ego, speed.
     others: tuple[tuple[float, float], ...] = ()
@@ -114,7 +117,7 @@ class Jam:
         return _in_view(world, ego, ("lead",))
 
     def reveal(self, world: World, ego: Pose) -> float | None:
-        """Behind the car ahead, as long as it is on ego's lane."""
+        """Returns the distance to the car ahead, as long as that is on ego's lane."""
         if not self.lead or "lead" not in world.names():
             return None
         lead = world.pose("lead")
@@ -141,7 +144,7 @@ class Jam:
 
 @dataclass
 class Meeting:
-    """Something crosses ego's way from the right, behind what hides it: a car that runs a red light, or a person.
+    """A car that runs a red light, or a person, comes from behind a building on the right.
 
     It may also stop before ego's lane, as most do.
     """
@@ -149,11 +152,11 @@ class Meeting:
     speed: float
     kind: str
     crossing_speed: float
-    #: The seconds by which it is later at the middle of the crossing than ego would be.
+    #: How many seconds later than ego it would be at the middle of the crossing.
     delay: float
-    #: The corner of the building: how far from the middle of ego's lane and of the other's.
+    #: The building's corner: how far it is from the middle of ego's lane and of the other's.
     corner: Point
-    #: It stops before ego's lane.
+    #: True if it stops before ego's lane.
     stops: bool = False
     seconds: float = 8.0
     network: str = field(default="crossing", init=False)
@@ -208,13 +211,13 @@ class Meeting:
         if not self.stops or HAZARD not in world.names():
             return
         hazard, deceleration = world.pose(HAZARD), KINDS[self.kind].deceleration
-        # Its front ends a metre before ego's side.
+        # Its front stops a metre before ego's side.
         left = self._y - KINDS["car"].width / 2 - 1.0 - hazard.front[1]
         if 0.0 < left <= hazard.speed**2 / (2.0 * deceleration):
             world.brake(HAZARD, deceleration)
 
     def distance(self, world: World, ego: Pose) -> float | None:
-        """See `Scene`. What has crossed or stands is no obstacle."""
+        """See `Scene`. A hazard that has crossed, or stands, is no obstacle."""
         if HAZARD not in world.names():
             return None
         hazard = world.pose(HAZARD)
@@ -222,15 +225,18 @@ class Meeting:
         return None if passed or hazard.speed < 0.1 else _in_view(world, ego, ())
 
     def reveal(self, world: World, ego: Pose) -> float | None:
-        """Returns the distance to the way of whatever comes from behind the building; 0 once ego is past it."""
+        """Returns the distance to the path of the hazard, which is 0 once ego is past it."""
         return max(0.0, self._x - ego.front[0])
 
     def shared(self, world: World) -> Pose | None:
-        """Cars do, persons do not."""
+        """Returns the pose of a car. A person shares nothing."""
         return world.pose(HAZARD) if self.kind == "car" and HAZARD in world.names() else None
 
     def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
-        """As `fuseline scenario red-light`: it can no longer stop at its line, and both arrive together, soon."""
+        """Decides as `fuseline scenario red-light` does.
+
+        Ego brakes if the other can no longer stop at its line, and both arrive together, soon.
+        """
         if other.speed < 0.1:
             return False
         distance = self._y - other.front[1] - other.speed * age

@@ -7,16 +7,17 @@ from collections.abc import Iterable, Sequence
 
 Point = tuple[float, float]
 
-#: The camera is so far behind the front, in metres, and sees so far to each side, in radians.
+#: How far the camera is behind the front, in metres, and how far it sees to each side, in radians.
 BEHIND, HALF_ANGLE = 1.8, math.radians(60.0)
 
 
 def sees(
     front: Point, heading: float, target: Sequence[Point], hidden_by: Iterable[Sequence[Point]]
 ) -> float | None:
-    """Returns how far something with these corners is from a vehicle's front, in metres; None if the camera does not see it.
+    """Returns how far something with these corners is from a vehicle's front, in metres.
 
-    It is seen if its two nearest corners and their middle are within the camera's angle, and no polygon is between.
+    Returns None if the camera does not see it. It is seen if its two nearest corners and the middle
+    between them are within the camera's angle, and no polygon is in between.
     """
     eye = front[0] - BEHIND * math.cos(heading), front[1] - BEHIND * math.sin(heading)
     near = sorted(target, key=lambda corner: math.dist(eye, corner))[:2]

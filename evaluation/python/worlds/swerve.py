@@ -20,15 +20,16 @@ from scenes import EGO, HAZARD, KINDS, Meeting
 from world import STEP as TICK
 from world import running
 
-#: The planner gets a message so often, in s.
+#: The time between two messages to the planner, in s.
 EVERY = 0.1
 #: Nothing hides the person.
 OPEN = (60.0, 60.0)
 
 
 def touches(speed: float, response: float) -> bool:
-    """Returns whether the car touches the person, if the planner takes this long."""
-    # The person's middle is ASIDE to the right as the car is DISTANCE away; SUMO's place is its front.
+    """Returns whether the car touches the person if the planner takes this long."""
+    # The person's middle is ASIDE to the right when the car is DISTANCE away. SUMO places a person
+    # by the front.
     crossing = (ASIDE - RADIUS) / WALKING
     scene = Meeting(speed, "person", WALKING, crossing - DISTANCE / speed, OPEN)
     enters = scene.seconds - DISTANCE / speed

@@ -22,7 +22,7 @@ class Jaywalking(unittest.TestCase):
     """CommonRoad's car hits nobody 0.02 m/s below the stored speeds, and somebody 0.02 m/s above."""
 
     def test_the_stored_speeds(self) -> None:
-        """Each row that the closed form is held against, and those of braking in the book."""
+        """Tests each row that the closed form is compared with, and the book's rows on braking."""
         stored = json.loads((Path(__file__).parent / "greatest.json").read_text())["rows"]
         brakes = [(False, 0.4, 0.5, 8.88), (False, 0.4, 0.4, 9.42)]
         for swerves, rate, response, speed in [(True, *row) for row in stored] + brakes:

@@ -1,6 +1,6 @@
-"""Eclipse SUMO as the world: it moves everything, and says what collides.
+"""Eclipse SUMO as the world: it moves everything and reports collisions.
 
-One simulation at a time in a process (`libsumo`), without a window, in steps of 10 ms.
+A process runs one simulation at a time (`libsumo`), without a window, in steps of 10 ms.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from pathlib import Path
 import libsumo
 import sumo
 
-#: Seconds.
+#: The length of a step, in seconds.
 STEP = 0.01
 _HERE = Path(__file__).resolve().parent
 _NETS = tempfile.TemporaryDirectory(prefix="fuseline-worlds-")
 
-#: Keeps a vehicle's own limits of braking, and nothing else of SUMO's caution.
+#: SUMO's mode in which a vehicle keeps its own limits of braking and is not cautious otherwise.
 _ONLY_LIMITS = 4
-#: Nothing of SUMO's caution.
+#: SUMO's mode in which a vehicle is not cautious at all.
 _BLIND = 0
 
 
@@ -52,7 +52,7 @@ class Pose:
         return True
 
     def corners(self) -> list[tuple[float, float]]:
-        """Its corners: front left, front right, rear right, rear left."""
+        """Returns the corners: front left, front right, rear right, rear left."""
         along, across = math.cos(self.heading), math.sin(self.heading)
         x, y = self.front
         half = self.width / 2
@@ -104,7 +104,7 @@ class World:
             types.setMaxSpeed(name, 60.0)
             types.setDecel(name, kind.deceleration)
             types.setEmergencyDecel(name, kind.deceleration)
-            # Who drives at a constant speed has it at once.
+            # A vehicle of constant speed has its speed at once.
             types.setAccel(name, 0.01)
             types.setImperfection(name, 0.0)
 
@@ -117,7 +117,10 @@ class World:
         speed: float,
         lane: int = 0,
     ) -> None:
-        """A vehicle with its front at this place of its route's first edge. It keeps its speed."""
+        """Adds a vehicle with its front at this place of its route's first edge.
+
+        It keeps its speed.
+        """
         path = "-".join(route)
         if path not in libsumo.route.getIDList():
             libsumo.route.add(path, list(route))
@@ -129,7 +132,7 @@ class World:
             departSpeed=str(speed),
             departLane=str(lane),
         )
-        # SUMO would wait for a safe gap to insert it.
+        # SUMO itself would wait for a safe gap before it inserts the vehicle.
         libsumo.vehicle.moveTo(name, f"{route[0]}_{lane}", position)
         libsumo.vehicle.setPreviousSpeed(name, speed)
         libsumo.vehicle.setSpeedMode(name, _BLIND)
@@ -138,7 +141,10 @@ class World:
         self._added.append(name)
 
     def require_all(self) -> None:
-        """Fails unless every vehicle that was added is there: a drive without one would say nothing of it."""
+        """Fails unless every vehicle that was added is there.
+
+        A drive without one would show nothing.
+        """
         if missing := set(self._added) - set(self.names()):
             raise RuntimeError(f"SUMO did not insert {', '.join(sorted(missing))}")
 
@@ -147,7 +153,7 @@ class World:
         return list(libsumo.lane.getShape(f"{edge}_0"))
 
     def hide(self, name: str, corners: Sequence[tuple[float, float]]) -> None:
-        """A polygon that hides what is behind it."""
+        """Adds a polygon that hides what is behind it."""
         libsumo.polygon.add(name, list(corners), (90, 90, 90, 255), fill=True)
 
     def polygons(self) -> list[list[tuple[float, float]]]:
@@ -155,22 +161,22 @@ class World:
         return [list(libsumo.polygon.getShape(name)) for name in libsumo.polygon.getIDList()]
 
     def brake(self, name: str, deceleration: float) -> None:
-        """Brakes as hard as it may, until it stands."""
+        """Brakes a vehicle at this deceleration until it stands."""
         libsumo.vehicle.setSpeedMode(name, _ONLY_LIMITS)
         libsumo.vehicle.setDecel(name, deceleration)
         libsumo.vehicle.setSpeed(name, 0.0)
 
     def put(self, name: str, front: tuple[float, float], heading: float) -> None:
-        """Puts a vehicle where its own dynamics have it, on a lane or not."""
+        """Puts a vehicle where its own dynamics place it, on a lane or not."""
         angle = 90.0 - math.degrees(heading)
         libsumo.vehicle.moveToXY(name, "", -1, front[0], front[1], angle, keepRoute=2)
 
     def change_lane(self, name: str, lane: int, seconds: float) -> None:
-        """Changes the lane at once, as SUMO's model of lanes has it."""
+        """Changes the lane at once, as in SUMO's model of lanes."""
         libsumo.vehicle.changeLane(name, lane, seconds)
 
     def step(self) -> None:
-        """10 ms pass."""
+        """Lets 10 ms pass."""
         libsumo.simulationStep()
 
     @property
@@ -179,7 +185,7 @@ class World:
         return float(libsumo.simulation.getTime())
 
     def names(self) -> tuple[str, ...]:
-        """Returns the vehicles that are there."""
+        """Returns the names of the vehicles that are there."""
         return tuple(libsumo.vehicle.getIDList())
 
     def pose(self, name: str) -> Pose:
@@ -196,7 +202,7 @@ class World:
         )
 
     def collision(self, name: str) -> float | None:
-        """If this vehicle collides now, by SUMO: its speed in m/s."""
+        """Returns this vehicle's speed in m/s if SUMO reports that it collides now."""
         for found in libsumo.simulation.getCollisions():
             if found.collider == name:
                 return float(found.colliderSpeed)

@@ -41,24 +41,24 @@ pub(crate) struct Args {
     leave: OutputOptions,
 }
 
-/// A model on board and in the cloud; milliseconds.
+/// A model on board and in the cloud. All times are in milliseconds.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct ArbitrageRow {
     model: String,
     on_board: f64,
     in_cloud: f64,
     speedup: f64,
-    /// The round trip at which both are as fast.
+    /// The round trip at which both are equally fast.
     break_even: f64,
     /// Round trip and runtime at the paper's quantiles.
     at_p50: f64,
     at_p90: f64,
     at_p99: f64,
-    /// For how much of the drives the cloud is first, mean of the drives.
+    /// The share of a drive in which the cloud is first, as a mean over the drives.
     first: f64,
 }
 
-/// All that is shown.
+/// Everything that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct ArbitrageResult {
     scenario: &'static str,

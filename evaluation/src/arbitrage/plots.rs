@@ -1,4 +1,4 @@
-//! Bars: on board, and in the cloud behind the paper's round trips.
+//! Draws bars: on board, and in the cloud behind the paper's round trips.
 
 use plotters::prelude::*;
 
@@ -9,7 +9,7 @@ use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, keys_of_shapes};
 const LEFT: i32 = 180;
 const HIGH: i32 = 54;
 const TOP: i32 = 112;
-/// Units for a second.
+/// The number of units for a second.
 const SECOND: f64 = 390.0;
 
 pub(crate) fn plots(result: &ArbitrageResult) -> Vec<Plot> {

@@ -1,4 +1,4 @@
-//! The table, for people.
+//! Formats the table as text.
 
 use std::fmt::Write;
 

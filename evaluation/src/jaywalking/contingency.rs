@@ -1,4 +1,4 @@
-//! Side requests: their answers are no outputs, and the machine does not know of them.
+//! Side requests. Their answers are not outputs, and the machine does not know of them.
 
 /// A plan that the cloud made for something unlikely.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -24,8 +24,8 @@ pub(crate) struct PlanReply {
     pub(crate) plan: Plan,
 }
 
-/// Side requests: gated by how many are under way, each bounded by a deadline. An answer in time goes into the cache and no
-/// further; one at its due instant is late.
+/// Makes side requests. At most `limit` of them are under way, and each has a deadline. An answer
+/// in time goes into the cache and nowhere else. An answer at the due instant is late.
 #[derive(Debug)]
 pub(crate) struct ContingencyCalls {
     /// No call is made while this many are under way.
@@ -37,11 +37,11 @@ pub(crate) struct ContingencyCalls {
 #[derive(Clone, Copy, Debug)]
 struct CloudCall {
     due: u64,
-    /// The instant at which it comes; none: never.
+    /// The answer and the instant at which it comes, or `None` if it never comes.
     answer: Option<(u64, Plan)>,
 }
 
-/// Plans by what they are for, and until when they hold.
+/// The plans, each with the instant until which it holds.
 #[derive(Default, Debug)]
 struct PlanCache {
     plans: Vec<(Plan, u64)>,
@@ -52,7 +52,7 @@ impl ContingencyCalls {
         Self { limit, under_way: Vec::new(), cache: PlanCache::default() }
     }
 
-    /// Makes a call, unless the gate is shut; whether it was made.
+    /// Makes a call unless the gate is shut. Returns `true` if it was made.
     pub(crate) fn call(&mut self, now: u64, deadline: u64, answer: Option<PlanReply>) -> bool {
         self.pass(now);
         let is_open = self.under_way.len() < self.limit;
@@ -63,14 +63,14 @@ impl ContingencyCalls {
         is_open
     }
 
-    /// Returns `true` if a plan for this is cached.
+    /// Returns `true` if a plan for this event is cached.
     pub(crate) fn holds(&mut self, now: u64, hypothesis: Hypothesis) -> bool {
         self.pass(now);
         let mut plans = self.cache.plans.iter();
         plans.any(|(plan, until)| plan.hypothesis == hypothesis && now < *until)
     }
 
-    /// Lets time pass: answers in time are cached, and whatever ended no longer holds the gate.
+    /// Lets time pass: caches answers that came in time, and removes calls that have ended.
     fn pass(&mut self, now: u64) {
         let Self { under_way, cache, .. } = self;
         under_way.retain(|call| match call.answer {

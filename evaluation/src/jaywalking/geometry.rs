@@ -26,10 +26,10 @@ pub(crate) enum Manoeuvre {
 /// The person's place, and the car's abilities.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct SwerveGeometry {
-    /// From the car's front to the person's line at 0 s.
+    /// The distance from the car's front to the person's line at 0 s.
     pub(crate) distance: f64,
     pub(crate) person_speed: f64,
-    /// To the left, at most.
+    /// The greatest acceleration to the left.
     pub(crate) lateral: f64,
     /// The speed at which the wheels turn, in rad/s.
     pub(crate) steering_rate: f64,
@@ -54,12 +54,13 @@ impl SwerveGeometry {
         [self.distance, self.person_speed * now - ASIDE]
     }
 
-    /// Returns when the person has crossed the car's way.
+    /// Returns when the person has crossed the car's path.
     fn crossed(&self) -> f64 {
         ((ASIDE + CAR.1 / 2.0 + RADIUS) / self.person_speed).min(END)
     }
 
-    /// Returns when the car touches the person, if it responds after this long.
+    /// Returns when the car touches the person if it responds after `response`, or `None` if it
+    /// does not.
     pub(crate) fn contact(&self, speed: f64, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
         let gap = |car: Rectangle, now: f64| (car.distance_to(self.person(now)) - RADIUS).max(0.0);
         match manoeuvre {
@@ -71,7 +72,7 @@ impl SwerveGeometry {
                 })
             }
             Manoeuvre::Brake => {
-                // Until it stands and the person has crossed: then nothing more can happen.
+                // Nothing more can happen after the car has stopped and the person has crossed.
                 let end = (response + speed / self.deceleration).max(self.crossed());
                 first_contact((0.0, end), speed.hypot(self.person_speed), |now| {
                     gap(self.braking(now, speed, response), now)
@@ -97,7 +98,8 @@ impl SwerveGeometry {
         now
     }
 
-    /// Returns the greatest speed up to which it touches nobody, in m/s; none if it always might.
+    /// Returns the greatest speed up to which the car touches nobody, in m/s, or `None` if it
+    /// touches nobody at 150 m/s either.
     pub(crate) fn greatest(&self, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
         const STEPS: u32 = 1500;
         const STEP: f64 = 0.1;
@@ -117,7 +119,7 @@ fn swerving(swerve: &Swerve, now: f64, from: f64) -> Rectangle {
     let (length, width) = CAR;
     let ([x, y], angle) = swerve.pose((now - from).max(0.0));
     let (across, along) = angle.sin_cos();
-    // At 0 s its front is at 0, with the centre of mass in the middle of the car.
+    // At 0 s the car's front is at 0. Its centre of mass is in its middle.
     let half = length / 2.0;
     let front = [swerve.speed() * now.min(from) + x + half * (along - 1.0), y + half * across];
     Rectangle { front, heading: [along, across], length, width }
@@ -127,7 +129,7 @@ fn swerving(swerve: &Swerve, now: f64, from: f64) -> Rectangle {
 mod tests {
     use super::*;
 
-    /// `greatest.json` names its source; `test_worlds.py` holds it against that.
+    /// `greatest.json` names its source, and `test_worlds.py` compares it with that source.
     #[test]
     fn swerve_is_no_better_than_commonroads() {
         let stored = include_str!("../../python/worlds/greatest.json");
@@ -143,7 +145,7 @@ mod tests {
                 deceleration: 7.5,
             };
             let ours = geometry.greatest(Manoeuvre::Swerve, response).unwrap();
-            // Theirs is rounded to 0.01 and integrated in steps of a millisecond.
+            // Their figure is rounded to 0.01 and integrated in steps of a millisecond.
             let off = (ours - theirs) / theirs;
             assert!(off.abs() < 0.005, "{steering_rate} rad/s, {response} s: {ours} and {theirs}");
         }

@@ -1,4 +1,5 @@
-//! Several things that may happen, each with a probability: which of their plans are in the cache in time.
+//! Several events that may happen, each with a probability, and which of their plans are cached in
+//! time.
 
 use std::str::FromStr;
 
@@ -7,21 +8,21 @@ use serde::Serialize;
 use crate::jaywalking::Args;
 use crate::jaywalking::planning::{PlanCallOutcome, Planning};
 
-/// Something that may happen.
+/// An event that may happen.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct UnlikelyEvent {
     name: String,
     probability: f64,
 }
 
-/// The plan for that event.
+/// The plan for an event.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct HypothesisRow {
     pub(crate) name: String,
     pub(crate) probability: f64,
-    /// `true` if its plan is in the cache as it happens.
+    /// `true` if the plan is in the cache when the event happens.
     pub(crate) cached: bool,
-    /// In s.
+    /// The time from the event to the plan for it, in s.
     pub(crate) response: f64,
 }
 
@@ -41,7 +42,7 @@ impl FromStr for UnlikelyEvent {
     }
 }
 
-/// Each hypothesis come true, the likeliest first.
+/// Lets each event happen in turn, the likeliest first.
 pub(crate) fn rows(args: &Args) -> Vec<HypothesisRow> {
     let mut events = args.hypothesis.clone();
     events.sort_by(|one, other| other.probability.total_cmp(&one.probability));
@@ -57,7 +58,7 @@ pub(crate) fn rows(args: &Args) -> Vec<HypothesisRow> {
     events.iter().enumerate().map(row).collect()
 }
 
-/// By probability; none without hypotheses.
+/// Returns the mean response weighted by probability, or `None` if no event has a probability.
 pub(crate) fn mean_response(rows: &[HypothesisRow]) -> Option<f64> {
     let all: f64 = rows.iter().map(|row| row.probability).sum();
     let sum: f64 = rows.iter().map(|row| row.probability * row.response).sum();

@@ -105,7 +105,7 @@ pub(crate) struct JaywalkingRun {
     cloud: PlanCallOutcome,
     /// `true` if the cached plan was used.
     cached: bool,
-    /// From the person's step onto the road until the planner sent the plan for it, in s.
+    /// The time from the person's step onto the road until the planner sent the plan for it, in s.
     response: f64,
     manoeuvre: Manoeuvre,
     collides: bool,
@@ -131,7 +131,7 @@ struct JaywalkingParameters {
     scene: SwerveGeometry,
 }
 
-/// All that is shown.
+/// Everything that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct JaywalkingResult {
     scenario: &'static str,
@@ -140,7 +140,7 @@ pub(crate) struct JaywalkingResult {
     runs: Vec<JaywalkingRun>,
     /// The likeliest first.
     hypotheses: Vec<HypothesisRow>,
-    /// The mean response to what is unlikely, by probability, in s.
+    /// The mean response to the unlikely events, weighted by probability, in s.
     mean_response: Option<f64>,
 }
 
@@ -173,7 +173,7 @@ fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {
     }
 }
 
-/// Each way in which the side request may end, at each speed.
+/// Runs each way in which the side request may end, at each speed.
 fn runs(
     args: &Args,
     geometry: &SwerveGeometry,

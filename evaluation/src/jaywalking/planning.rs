@@ -6,11 +6,11 @@ use crate::approach::{nanos, seconds};
 use crate::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
 use crate::operator::{ScenarioMessage, ScenarioOperator};
 
-/// The planner gets a message so often, in ns.
+/// The time between two messages to the planner, in ns.
 const EVERY: u64 = 100_000_000;
 /// The instant at which the person enters the road: messages before it show nobody.
 pub(crate) const ENTERS: u64 = 20 * EVERY;
-/// The last message.
+/// The instant of the last message.
 const LAST: u64 = 30 * EVERY;
 /// The instant of the message that shows that the person might enter.
 const FORESEEN: u64 = 5 * EVERY;
@@ -20,7 +20,7 @@ const DEADLINE: u64 = 1_000_000_000;
 const TAKES: u64 = 400_000_000;
 /// The time that its plan holds, unless it has expired.
 const VALIDITY: u64 = 5_000_000_000;
-/// Side requests at once.
+/// The greatest number of side requests at once.
 const LIMIT: usize = 1;
 
 /// The outcome of the call for a contingency plan.
@@ -53,7 +53,7 @@ pub(crate) struct Planning {
 
 /// The planner's output.
 pub(crate) struct PlannerOutput {
-    /// From the person's step onto the road until the plan for it was sent, in s.
+    /// The time from the person's step onto the road until the plan for it was sent, in s.
     pub(crate) response: f64,
     /// `true` if that was the cached plan.
     pub(crate) is_cached: bool,
@@ -115,9 +115,8 @@ impl Planning {
         PlannerOutput { response, is_cached, trace: operator.into_trace() }
     }
 
-    /// Plays the drive with several hypotheses, of which one comes true. Their plans are requested
-    /// in their order, `at_once` at a time. Returns the response, and whether the plan was
-    /// cached.
+    /// Plays the drive with several hypotheses, one of which comes true. Their plans are requested
+    /// in their order, `at_once` at a time. Returns the response, and whether the plan was cached.
     pub(crate) fn with_hypotheses(
         &self,
         count: usize,
@@ -153,7 +152,7 @@ fn messages() -> impl Iterator<Item = u64> {
     (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX))
 }
 
-/// From the event until the first plan of a message that shows it, in s.
+/// Returns the time from the event to the first plan for a message that shows it, in s.
 fn response(operator: &mut ScenarioOperator) -> f64 {
     operator.pass(u64::MAX);
     let outputs = operator.take_outputs();
@@ -192,7 +191,8 @@ mod tests {
     #[test]
     fn plans_come_in_the_order_of_their_hypotheses_and_some_not_in_time() {
         let planning = Planning { cloud: PlanCallOutcome::InTime, planner: 0.5, cached: 0.4 };
-        // One call after the other from 0.5 s on, 0.4 s each: three are there at 2 s.
+        // The calls run one after the other from 0.5 s on and take 0.4 s each, so three plans are
+        // there at 2 s.
         let responses: Vec<_> = (0..4).map(|it| planning.with_hypotheses(4, 1, it)).collect();
         assert_eq!(responses, [(0.4, true), (0.4, true), (0.4, true), (0.5, false)]);
         assert_eq!(planning.with_hypotheses(4, 2, 3), (0.4, true));

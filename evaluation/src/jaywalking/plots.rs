@@ -74,7 +74,8 @@ pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<
     })]
 }
 
-/// Returns `true` if another mark of the same response is above: the figure of the lower one stands below it.
+/// Returns `true` if another mark with the same response is above this one. The figure of the lower
+/// mark stands below it.
 fn is_lower((response, speed): (f64, f64), others: &[(f64, f64)]) -> bool {
     let mut same = others.iter().filter(|(other, _)| other.total_cmp(&response).is_eq());
     same.any(|(_, other)| *other > speed)

@@ -1,32 +1,35 @@
-//! The way of a car that steers: `CommonRoad`'s single track, whose tyres slip and whose wheels turn no faster than they
-//! can, at constant speed.
+//! The path of a car that steers at constant speed. The model is `CommonRoad`'s single track: its
+//! tyres slip, and its wheels turn at a limited rate.
 //!
-//! Both axles have the same cornering stiffness, so that the equations of the single track fall apart: the yaw rate
-//! follows the steering angle with one lag, and the slip angle follows both with another. Both have closed forms while the
-//! wheels turn at a constant rate. Only the place is integrated by steps.
+//! Both axles have the same cornering stiffness, so the equations of the single track decouple. The
+//! yaw rate follows the steering angle with one lag, and the slip angle follows both with another.
+//! Both have closed forms while the wheels turn at a constant rate. Only the position is integrated
+//! in steps.
 
 use crate::shape::Point;
 
 // Vehicle 2, a BMW 320i (`parameters_vehicle2` of commonroad-vehicle-models 3.0.2).
-/// From the centre of mass to the rear axle, in m.
+/// The distance from the centre of mass to the rear axle, in m.
 const REAR: f64 = 1.422_717_093_6;
-/// From the front axle to the centre of mass, in m.
+/// The distance from the front axle to the centre of mass, in m.
 const BEFORE: f64 = 1.156_195_706_4;
 const WHEELBASE: f64 = REAR + BEFORE;
-/// The moment of inertia over mass and both distances: how much longer the lag of the yaw rate is than that of the slip.
+/// The moment of inertia divided by the mass and both distances. It is the ratio of the yaw rate's
+/// lag to the slip's.
 const INERTIA: f64 = 1_791.599_530_012_285_6 / (1_093.295_233_467_404_6 * REAR * BEFORE);
-/// The tyres' lateral acceleration by their slip, in m/s² a rad: 21.92 times the earth's.
+/// The tyres' lateral acceleration for each radian of slip, in m/s²: 21.92 g.
 const STIFFNESS: f64 = 21.92 * 9.81;
-/// The wheels turn no further, in rad.
+/// The greatest angle of the wheels, in rad.
 const MOST: f64 = 1.066;
 
-/// From the centre of mass, which is the middle of the car's rectangle, to its corners, in m, or a little more.
+/// The distance from the centre of mass to the car's corners, in m, or a little more. The centre of
+/// mass is the middle of the car's rectangle.
 const REACH: f64 = 2.54;
 /// The longest step by which the place is integrated, in s.
 const STEP: f64 = 0.05;
 
-/// A swerve to the left at constant speed. The steering angle grows at a constant rate until it is that of the lateral
-/// acceleration that is wanted, and stays.
+/// A swerve to the left at constant speed. The steering angle grows at a constant rate until it
+/// gives the wanted lateral acceleration, and then stays.
 #[derive(Clone, Debug)]
 pub(crate) struct Swerve {
     speed: f64,
@@ -34,21 +37,22 @@ pub(crate) struct Swerve {
     rate: f64,
     /// The time for which the wheels turn.
     turning: f64,
-    /// The speed at which the heading turns in the end, in rad/s.
+    /// The final speed at which the heading turns, in rad/s.
     turn: f64,
     /// The duration of a step of `places`.
     step: f64,
-    /// The centre of mass after each step, until it drives on a circle.
+    /// The centre of mass after each step, until the car drives on a circle.
     places: Vec<Point>,
 }
 
 impl Swerve {
-    /// At this speed, with at most this lateral acceleration and this steering rate.
+    /// Creates a swerve at this speed, with at most this lateral acceleration and this steering
+    /// rate.
     pub(crate) fn new(speed: f64, lateral: f64, rate: f64) -> Self {
         let angle = (lateral * WHEELBASE / (speed * speed)).atan().min(MOST);
         let turning = angle / rate;
         let turn = speed * angle / WHEELBASE;
-        // No step lies on both sides of the instant at which the wheels stop.
+        // No step spans the instant at which the wheels stop turning.
         let step = if turning < STEP / 4.0 { STEP } else { turning / (turning / STEP).ceil() };
         let mut swerve = Self { speed, rate, turning, turn, step, places: vec![[0.0; 2]] };
         let settled = turning + 30.0 * swerve.lags().1;
@@ -63,12 +67,13 @@ impl Swerve {
         self.speed
     }
 
-    /// No part of the car is faster.
+    /// Returns a speed that no part of the car exceeds.
     pub(crate) fn fastest(&self) -> f64 {
         self.speed + self.turn * REACH
     }
 
-    /// Returns where the centre of mass is after this long, from where the swerve began, and the heading in rad.
+    /// Returns the position of the centre of mass after this time, relative to where the swerve
+    /// began, and the heading in rad.
     pub(crate) fn pose(&self, after: f64) -> (Point, f64) {
         let heading = self.heading(after);
         let number = self.index(after);
@@ -76,7 +81,7 @@ impl Swerve {
         let [along, across] = if after <= from + 1.001 * self.step {
             self.driven(from, after)
         } else {
-            // A circle.
+            // By now the car drives on a circle.
             let radius = self.speed / self.turn;
             let [from, to] = [from, after].map(|at| self.heading(at) + self.slip(at));
             [radius * (to.sin() - from.sin()), radius * (from.cos() - to.cos())]
@@ -84,7 +89,7 @@ impl Swerve {
         ([x + along, y + across], heading)
     }
 
-    /// Returns the last step that begins by then.
+    /// Returns the last step that begins by this time.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundreds")]
     fn index(&self, after: f64) -> usize {
         ((after / self.step) as usize).min(self.places.len() - 1)
@@ -95,7 +100,7 @@ impl Swerve {
         number as f64 * self.step
     }
 
-    /// Until when the places are known.
+    /// Returns the time until which the positions are known.
     fn integrated(&self) -> f64 {
         self.step_start(self.places.len() - 1)
     }
@@ -106,20 +111,21 @@ impl Swerve {
         (lag, lag * INERTIA)
     }
 
-    /// Returns what a ramp of the steering angle leaves once its wheels have stopped: the ramp without the one that would follow.
+    /// Returns the effect of a ramp of the steering angle that ends when the wheels stop. It is the
+    /// ramp minus a second ramp that begins then.
     fn after_ramp(&self, after: f64, ramp: impl Fn(f64) -> f64) -> f64 {
         let beyond = if after > self.turning { ramp(after - self.turning) } else { 0.0 };
         self.rate * (ramp(after) - beyond)
     }
 
-    /// Returns the heading: the yaw rate lags behind the steering angle's.
+    /// Returns the heading. The yaw rate lags behind the steering angle.
     fn heading(&self, after: f64) -> f64 {
         let (_, lag) = self.lags();
         let ramp = |at: f64| at * at / 2.0 - lag * at - lag * lag * (-at / lag).exp_m1();
         self.speed / WHEELBASE * self.after_ramp(after, ramp)
     }
 
-    /// Returns the angle from the heading to the way of the centre of mass.
+    /// Returns the angle from the heading to the direction in which the centre of mass moves.
     fn slip(&self, after: f64) -> f64 {
         let (own, yaw) = self.lags();
         let gain = self.speed / WHEELBASE;
@@ -131,8 +137,8 @@ impl Swerve {
         })
     }
 
-    /// Returns the way between two instants less than two steps apart: the integral of the speed along the way, by Gauss and
-    /// Legendre's rule of five places.
+    /// Returns the displacement between two instants that are less than two steps apart. It
+    /// integrates the velocity by Gauss–Legendre quadrature with five points.
     fn driven(&self, from: f64, to: f64) -> Point {
         const PLACES: [(f64, f64); 5] = [
             (0.0, 0.568_888_888_888_888_9),

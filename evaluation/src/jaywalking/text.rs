@@ -1,4 +1,4 @@
-//! Runs and greatest speeds, for people.
+//! Formats the runs and the greatest speeds as text.
 
 use std::fmt::Write;
 
@@ -84,7 +84,7 @@ fn word(collides: bool) -> String {
     if collides { paint(BAD, "x hits") } else { paint(GOOD, "avoids") }
 }
 
-/// Padded without counting what colours it.
+/// Pads the word here, because a format width would count the codes of its colour.
 fn padded(collides: bool) -> String {
     word(collides) + "  "
 }

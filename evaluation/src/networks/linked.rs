@@ -1,4 +1,4 @@
-//! Frames over a link that has a rate: each waits for those before it.
+//! Frames over a link that has a rate. Each frame waits for the frames before it.
 
 use std::time::Duration;
 
@@ -10,25 +10,26 @@ use crate::link::RecordedLink;
 use crate::models::REPLY_BYTES;
 use crate::networks::policy::OBSERVED;
 
-/// The cloud's response for each frame, from 30 s before a start on. All frames are sent, so the
-/// responses are the same for all policies.
+/// The cloud's response for each frame, from 30 s before a start on. All policies send all frames,
+/// so they see the same responses.
 pub(crate) struct LinkedResponses {
-    /// By the frame's distance from the start, in frames: the ones before it backwards, from the last.
+    /// The responses of the frames before the start, the last of them first.
     before: Vec<Option<u64>>,
     after: Vec<Option<u64>>,
     period: f64,
 }
 
-/// A frame's way, with instants from 30 s before the start.
+/// How one frame travels. Its instants count from 30 s before the start.
 struct LinkedFrame {
     captured: u64,
-    /// The instant at which its reply comes to the downlink.
+    /// The instant at which its reply reaches the downlink.
     replied: Option<u64>,
 }
 
 impl LinkedResponses {
-    /// Frames every `period` from 30 s before the start until `longest` after it, in s. `response` is the round trip and the
-    /// cloud's runtime for what leaves the uplink at an instant.
+    /// Computes the responses of a frame every `period`, from 30 s before the start until `longest`
+    /// after it, in s. `response` returns the round trip plus the cloud's runtime for a request
+    /// that leaves the uplink at an instant.
     pub(crate) fn new(
         link: &RecordedLink<'_>,
         period: f64,
@@ -76,7 +77,8 @@ impl LinkedResponses {
     }
 }
 
-/// From capture until the reply is through the downlink, frame by frame. Replies queue in the order in which they come.
+/// Returns the time from each frame's capture until its reply has passed the downlink. Replies
+/// queue in the order in which they come.
 fn received(link: &RecordedLink<'_>, frames: &[LinkedFrame]) -> Vec<Option<u64>> {
     let mut order: Vec<(u64, usize)> = frames
         .iter()

@@ -24,13 +24,13 @@ use crate::operator::ScenarioOperator;
 use crate::options::{OutputOptions, PageHead, VehicleArgs, above_0, speed, time};
 use crate::plot::Folder;
 
-/// All that is recorded but the wifi, which was hardly ever there.
+/// All recorded networks except the wifi, which was hardly ever there.
 pub(crate) const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
     cicv5g/strong_to_weak_n8_v30,cicv5g/urban_n78_v40,cicv5g/weak_to_strong_n8_v50,\
     vnperf/downtown:verizon,vnperf/downtown:sprint,vnperf/highway:verizon,vnperf/highway:sprint";
-/// Places the obstacle between two captures, evenly however many starts there are.
+/// Spreads the obstacle's place between two captures evenly, however many starts there are.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// More traces than this are not meant.
+/// The greatest number of traces. A user who asks for more has probably made a mistake.
 const TRACES: usize = 10_000;
 
 const HEAD: PageHead = [
@@ -105,7 +105,7 @@ pub(crate) struct DriveRow {
     energy: f64,
 }
 
-/// A vehicle on its way, before it is known how fast.
+/// A start of the vehicle in a drive, before its speed and policy are chosen.
 struct DriveStart<'a> {
     drive: &'a Drive,
     /// The responses of the cloud over a link that has a rate.
@@ -138,7 +138,7 @@ struct NetworksParameters {
     vehicle: Vehicle,
 }
 
-/// All that is shown.
+/// Everything that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct NetworksResult {
     scenario: &'static str,
@@ -184,7 +184,7 @@ impl Args {
 }
 
 impl Setting<'_> {
-    /// Each drive's rows, speed by speed and policy by policy.
+    /// Returns each drive's rows, speed by speed and policy by policy.
     fn rows(&self, drives: &[Drive]) -> Result<Vec<DriveRow>, ScenarioError> {
         let mut rows = Vec::new();
         for drive in drives {
@@ -206,7 +206,7 @@ impl Setting<'_> {
         Ok(rows)
     }
 
-    /// Each speed with each policy.
+    /// Returns each speed with each policy.
     fn pairs(&self) -> impl Iterator<Item = (f64, ResponsePolicy)> {
         let policies = |speed| self.args.policy.iter().map(move |policy| (speed, *policy));
         self.args.speed.iter().copied().flat_map(policies)

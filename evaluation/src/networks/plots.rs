@@ -75,8 +75,8 @@ impl PlotView {
     }
 }
 
-/// Returns the height of the picture, at which all differences of other policies from local alone
-/// are visible.
+/// Returns the height of the picture. It shows all places at which the policies other than local
+/// alone differ from each other.
 fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
     let others = || curves.iter().filter(|(policy, _)| *policy != ResponsePolicy::Local);
     let at =
@@ -87,7 +87,7 @@ fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
         let greatest = at(index).fold(0.0, f64::max);
         let least = at(index).fold(f64::INFINITY, f64::min);
         highest = highest.max(greatest);
-        // A twentieth is distinguished.
+        // Figures that differ by less than a twentieth count as equal.
         if least < greatest * 0.95 {
             differ = differ.max(greatest);
         }

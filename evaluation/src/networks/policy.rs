@@ -71,7 +71,7 @@ impl fmt::Display for ResponsePolicy {
     }
 }
 
-/// A text in every case, as it is chosen: a constant is its seconds, such as `0.5`.
+/// Serializes a policy as the text that names it. A constant is its seconds, such as `0.5`.
 impl Serialize for ResponsePolicy {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
@@ -86,8 +86,8 @@ pub(crate) fn before(drive: &Drive, start: Duration, age: Duration) -> Duration 
     (start + drive.length() * laps).saturating_sub(age)
 }
 
-/// Returns how the calls ended that began in the 30 s before a start: those answered until then,
-/// and the ages of the others. `response` returns the response of the call of an age.
+/// Returns how the calls ended that began in the 30 s before a start. A call that is not answered
+/// by then has its age as its response. `response` returns the response of the call of an age.
 pub(crate) fn observe(
     vehicle: &Vehicle,
     response: impl Fn(Duration) -> Option<Duration>,

@@ -1,4 +1,4 @@
-//! Policies side by side, for people.
+//! Formats the policies side by side as text.
 
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ use crate::paint::{BAD, GOOD, paint, written};
 const NAME: usize = 15;
 const CELL: usize = 9;
 
-/// Returns the mean over drives of a figure of the rows: of a speed, or of all.
+/// Returns the mean of a figure over the drives' rows, for one speed or for all.
 pub(crate) fn mean(
     rows: &[DriveRow],
     speed: Option<f64>,
@@ -28,7 +28,7 @@ pub(crate) fn mean(
     if count > 0.0 { sum / count } else { 0.0 }
 }
 
-/// Returns how many starts in a hundred collide.
+/// Returns the percentage of starts that collide.
 pub(crate) fn percent(row: &DriveRow) -> f64 {
     100.0 * f64::from(row.collisions) / f64::from(row.starts)
 }
@@ -110,7 +110,8 @@ fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
     )
 }
 
-/// In how many pairs of a drive and a speed a policy collides more often than local alone.
+/// Returns the number of pairs of a drive and a speed in which a policy collides more often than
+/// local alone.
 pub(crate) fn worse(rows: &[DriveRow], policy: ResponsePolicy) -> usize {
     let local = |row: &DriveRow| {
         let is = |other: &&DriveRow| {

@@ -57,7 +57,7 @@ impl TextLine {
         Self { pos: Pos { h_pos: HPos::Right, v_pos: VPos::Center }, ..self }
     }
 
-    /// Returns the style for what the crate `plotters` draws.
+    /// Returns the style for the crate `plotters`.
     #[must_use]
     pub fn style(&self) -> TextStyle<'static> {
         let style = if self.is_bold { FontStyle::Bold } else { FontStyle::Normal };
@@ -125,9 +125,9 @@ pub struct Axes {
     pub x: Range<f64>,
     /// From bottom to top.
     pub y: Range<f64>,
-    /// Stands below.
+    /// The name below the horizontal axis.
     pub x_name: &'static str,
-    /// Stands at the left.
+    /// The name beside the vertical axis.
     pub y_name: &'static str,
 }
 
@@ -135,13 +135,13 @@ pub struct Axes {
 pub struct ChartLine {
     /// The word of its key.
     pub name: String,
-    /// On the ground that is drawn.
+    /// The colour on the current ground.
     pub colour: RGBColor,
-    /// In units of the drawing.
+    /// The width in units of the drawing.
     pub width: u32,
     /// `true` if it has gaps.
     pub is_dashed: bool,
-    /// From point to point.
+    /// The points that the line connects.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -192,7 +192,7 @@ impl Axes {
 }
 
 impl ChartLine {
-    /// Draws it on a chart with these axes; what lies outside is cut off at the edge.
+    /// Draws the line on a chart with these axes. Parts that lie outside are cut off at the edge.
     ///
     /// # Panics
     /// Never: drawing into a string does not fail.
@@ -211,7 +211,7 @@ impl ChartLine {
         }
     }
 
-    /// Draws keys of lines in a row, from a place on.
+    /// Draws the keys of lines in a row that begins at a place.
     ///
     /// # Panics
     /// Never: drawing into a string does not fail.
@@ -245,7 +245,7 @@ pub fn keys_of_shapes(theme: &Theme, canvas: &Canvas<'_>, keys: &[(&str, ShapeSt
     }
 }
 
-/// About how wide a text of 13 units is, whatever the viewer's font.
+/// Returns about how wide a text of 13 units is, whatever the viewer's font.
 fn width(text: &str) -> i32 {
     i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 6
 }
@@ -253,6 +253,6 @@ fn width(text: &str) -> i32 {
 /// Returns a figure without needless digits.
 fn plain(value: f64) -> String {
     let rounded = (value * 1000.0).round() / 1000.0;
-    // -0 is 0.
+    // Adding 0 turns -0 into 0.
     format!("{}", rounded + 0.0).replace('-', "\u{2212}")
 }

@@ -1,4 +1,5 @@
-//! Lines and shapes, cut off at the edges of what is shown: the drawing library bends them instead.
+//! Cuts lines and shapes off at the edges of the visible area. The drawing library would bend them
+//! instead.
 
 use std::ops::Range;
 
@@ -18,7 +19,7 @@ pub(super) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<C
         }
         let at = |part: f64| {
             let along = |from: f64, to: f64| from + (to - from) * part;
-            // The ends are as they were, so that pieces join.
+            // The ends stay exactly the same, so that pieces join.
             if part >= 1.0 { to } else { (along(from.0, to.0), along(from.1, to.1)) }
         };
         let (first, last) = (at(part.0), at(part.1));
@@ -30,8 +31,8 @@ pub(super) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<C
     pieces
 }
 
-/// Returns the part of the rest of a way that lies between two edges. If there is none, the end is
-/// before the beginning.
+/// Narrows a part of a line to what lies between two edges. If nothing does, the end of the
+/// returned part is before its beginning.
 fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) -> ChartPoint {
     if by == 0.0 {
         let is_between = (edges.start..=edges.end).contains(&at);

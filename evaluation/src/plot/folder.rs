@@ -10,13 +10,13 @@ use thiserror::Error;
 
 use crate::plot::{DARK, LIGHT, Plot, PlotPage};
 
-/// A folder to write to; it is made if it is not there, and what else is in it stays.
+/// A folder to write to. It is created if it does not exist, and other files in it stay.
 pub struct Folder(PathBuf);
 
-/// The reason why a folder cannot be filled.
+/// The reason a folder cannot be filled.
 #[derive(Debug, Error)]
 pub enum FolderError {
-    /// It cannot be made, or takes no files.
+    /// The folder cannot be created, or takes no files.
     #[error("{name}: {source}; name a folder that can be written to")]
     Folder {
         /// Its path.
@@ -24,7 +24,7 @@ pub enum FolderError {
         /// The system's error.
         source: io::Error,
     },
-    /// There is something in it.
+    /// The folder is not empty.
     #[error(
         "{0}: not empty; name a new folder, or replace what has the same names in it with --force"
     )]
@@ -43,8 +43,8 @@ impl Folder {
     /// Returns the folder at `path`, if one is wanted.
     ///
     /// # Errors
-    /// If it is not there and cannot be made, takes no files, or is not empty and its files are not to be replaced:
-    /// that is reported before the work.
+    /// Returns an error if the folder cannot be created, takes no files, or is not empty and
+    /// `force` is not set. The error is reported before any work is done.
     pub fn open(path: Option<&Path>, force: bool) -> Result<Option<Self>, FolderError> {
         let Some(path) = path else { return Ok(None) };
         let folder = Self(path.to_owned());
@@ -61,7 +61,7 @@ impl Folder {
     /// Writes a file.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn put(&self, name: &str, bytes: &[u8]) -> Result<(), FolderError> {
         let path = self.0.join(name);
         self.persist(&path, bytes).map_err(|source| fault(&path, source))
@@ -74,7 +74,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Returns a file with a temporary name, which is gone unless it is persisted.
+    /// Returns a file with a temporary name, which is removed unless it is persisted.
     fn unfinished(&self) -> io::Result<NamedTempFile> {
         let mut builder = Builder::new();
         #[cfg(unix)]
@@ -102,7 +102,7 @@ pub struct PageContent<'a> {
 /// Writes the plots, as SVG and PNG on both grounds, and `index.html`.
 ///
 /// # Errors
-/// If one cannot be written.
+/// Returns an error if a file cannot be written.
 pub fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), FolderError> {
     let PageContent { title, words, plots, reported } = shown;
     let mut figures = Vec::new();

@@ -19,7 +19,7 @@ use page::PlotPage;
 pub use sheet::Sheet;
 pub use theme::{DARK, LIGHT, Theme};
 
-/// A plot, for each ground.
+/// A plot that can be drawn on either ground.
 pub struct Plot {
     /// The name of its files.
     pub name: &'static str,

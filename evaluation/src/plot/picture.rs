@@ -19,7 +19,7 @@ use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
 /// Pixels for one unit of the drawing.
 const SCALE: u16 = 2;
-/// `fonts/LICENSE` is their licence.
+/// `fonts/LICENSE` is the licence of both fonts.
 const REGULAR: &[u8] = include_bytes!("../../fonts/inter-regular.ttf");
 const SEMIBOLD: &[u8] = include_bytes!("../../fonts/inter-semibold.ttf");
 
@@ -27,7 +27,7 @@ const SEMIBOLD: &[u8] = include_bytes!("../../fonts/inter-semibold.ttf");
 pub(super) struct Picture(Pixmap);
 
 impl Picture {
-    /// Begins a picture of a drawing that is so wide and high.
+    /// Begins a picture of a drawing of this width and height.
     pub(super) fn new((width, height): (u32, u32)) -> Self {
         let pixels = |units: u32| units * u32::from(SCALE);
         Self(Pixmap::new(pixels(width), pixels(height)).expect("a drawing is not empty"))
@@ -38,7 +38,7 @@ impl Picture {
         self.stroke(polygon(places, false), style);
     }
 
-    /// Fills what lies between some places.
+    /// Fills the shape between some places.
     pub(super) fn fill(&mut self, places: &[Place], style: &impl BackendStyle) {
         self.paint(polygon(places, true), style.color());
     }
@@ -66,7 +66,7 @@ impl Picture {
         if fill { self.paint(path, style.color()) } else { self.stroke(path, style) }
     }
 
-    /// Draws a text where SVG would.
+    /// Draws a text at the place where an SVG viewer would draw it.
     pub(super) fn text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: Place) {
         let face = match style.style() {
             FontStyle::Bold => SEMIBOLD,
@@ -91,13 +91,13 @@ impl Picture {
             face.outline_glyph(glyph, &mut outline);
             outline.x += advance;
         }
-        // SVG's 0.76em, and 0.5ex with an ex of half an em.
+        // The SVG shifts the text by 0.76em or by 0.5ex, and an ex is half an em.
         let below = match style.anchor().v_pos {
             VPos::Top => 0.76,
             VPos::Center => 0.25,
             VPos::Bottom => -0.25,
         };
-        // The colour, as the SVG of plotters has it.
+        // The SVG backend of plotters also divides the size by 1.24.
         let size = (style.size() / 1.24) as f32;
         let em = size / f32::from(face.units_per_em());
         let (right, down) = style.transform().transform(1, 0);
@@ -120,7 +120,8 @@ impl Picture {
         self.0.fill_path(&path, &paint(colour), FillRule::Winding, scaled(), None);
     }
 
-    /// Writes it as PNG, in 8 bits of red, green and blue: its ground hides what is behind it.
+    /// Writes the picture as PNG, with 8 bits each of red, green and blue. It needs no
+    /// transparency, because its ground hides everything behind it.
     pub(super) fn png(&self) -> Vec<u8> {
         let (width, height) = (self.0.width(), self.0.height());
         let row = width as usize * 4;
@@ -128,7 +129,7 @@ impl Picture {
         let mut filtered = Vec::new();
         let mut above = vec![0; row];
         for pixels in self.0.data().chunks_exact(row) {
-            // Each byte is the difference to the byte above it.
+            // PNG's filter 2: each byte is its difference from the byte above it.
             filtered.clear();
             filtered.push(2);
             let differences = pixels.iter().zip(&above).map(|(it, above)| it.wrapping_sub(*above));
@@ -148,7 +149,7 @@ impl Picture {
 
 const IN_MEMORY: &str = "it is in memory";
 
-/// The outline of a text in units of its font, upwards.
+/// The outline of a text in units of its font. Its y axis points upwards.
 struct Outline {
     /// The position of the glyph.
     x: f32,

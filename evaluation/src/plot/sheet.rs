@@ -15,11 +15,11 @@ pub struct Sheet<'a> {
     picture: &'a mut Picture,
 }
 
-/// The state of a shape.
+/// The result of drawing a shape.
 type Drawn = Result<(), DrawingErrorKind<Error>>;
 
 impl<'a> Sheet<'a> {
-    /// Takes a sheet that is so wide and high.
+    /// Creates a sheet of this width and height.
     pub(super) fn new(svg: &'a mut String, picture: &'a mut Picture, size: (u32, u32)) -> Self {
         Self { svg: SVGBackend::with_string(svg, size), picture }
     }

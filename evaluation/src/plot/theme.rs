@@ -5,7 +5,7 @@ use plotters::style::RGBColor;
 /// Colours on one ground.
 #[derive(Clone, Copy, Debug)]
 pub struct Theme {
-    /// The ending of its files' names.
+    /// The ending of its files' names, before the extension.
     pub suffix: &'static str,
     /// The background.
     pub ground: RGBColor,
@@ -32,7 +32,7 @@ const fn colour(rgb: u32) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-/// On light ground.
+/// The colours on light ground.
 pub const LIGHT: Theme = Theme {
     suffix: "",
     ground: colour(0xff_ff_ff),
@@ -54,7 +54,7 @@ pub const LIGHT: Theme = Theme {
     ],
 };
 
-/// On dark ground.
+/// The colours on dark ground.
 pub const DARK: Theme = Theme {
     suffix: "-dark",
     ground: colour(0x1a_20_27),

@@ -49,7 +49,7 @@ pub(crate) struct Crossing<'a> {
     pub(crate) geometry: CrossingGeometry,
     pub(crate) ego: &'a Ego,
     pub(crate) approach: WarningSource,
-    /// The deadline of requests to the cloud, in s.
+    /// The round trip between ego and the cloud, in s.
     pub(crate) round_trip: f64,
 }
 
@@ -101,7 +101,7 @@ impl CrossingOperator {
 }
 
 impl Crossing<'_> {
-    /// Runs it; the traces go to the folder under this name.
+    /// Runs the crossing and writes its traces to the folder under this name.
     pub(crate) fn run(
         &self,
         name: &str,
@@ -116,7 +116,8 @@ impl Crossing<'_> {
         Ok(crossed)
     }
 
-    /// Runs it; returns the traces of the operators that had messages, if they are wanted.
+    /// Runs the crossing. If `is_traced`, also returns the traces of the operators that had
+    /// messages.
     pub(crate) fn traced(
         &self,
         name: &str,
@@ -135,7 +136,8 @@ impl Crossing<'_> {
         (Crossed { decided, contact, brakes_before: in_time.map(before) }, traces)
     }
 
-    /// Returns when ego decides to brake, by whichever of its two streams reports it first.
+    /// Returns when ego decides to brake. The first of its two streams to report the runner
+    /// decides.
     fn decide(
         &self,
         detections: &mut CrossingOperator,
@@ -206,7 +208,7 @@ impl Crossing<'_> {
             answers.push(exchange.ego(now));
             let response = Some(nanos(self.round_trip));
             let request = Some(CloudRequest { deadline: DEADLINE, response });
-            // Local knows of no neighbours, and returns that at once.
+            // Local knows no neighbours, so it returns at once.
             neighbours.send(&ScenarioMessage { at: now, local: Some(0), request });
         }
     }
@@ -226,7 +228,7 @@ impl Crossing<'_> {
         planner.take(usize::try_from(output.t).unwrap_or(usize::MAX), sight)
     }
 
-    /// Returns `true` if what the cloud answered makes the planner brake.
+    /// Returns `true` if the cloud's answer makes the planner brake.
     fn is_reported(&self, answers: &[Vec<VehicleState>], output: &ScenarioOutput) -> bool {
         let index = usize::try_from(output.t).unwrap_or(usize::MAX);
         let reported = answers.get(index).filter(|_| output.source == Some(CLOUD));
@@ -234,7 +236,7 @@ impl Crossing<'_> {
     }
 }
 
-/// Returns how long before the meeting `bite` is, to a nanosecond.
+/// Returns the time from `bite` to the meeting, to a nanosecond.
 fn before(bite: f64) -> f64 {
     ((MEETING - bite) * 1e9).round() / 1e9
 }

@@ -108,17 +108,17 @@ pub(crate) struct CrossingGeometry {
 }
 
 impl CrossingGeometry {
-    /// Until when there is something to look at, in s.
+    /// Returns the instant after which nothing more can happen, in s.
     pub(crate) fn end(&self) -> f64 {
         MEETING + self.delta.abs() + AFTER
     }
 
-    /// Ego at an instant, if it does not brake.
+    /// Returns ego at an instant if it does not brake.
     pub(crate) fn ego(&self, now: f64) -> Rectangle {
         ego_at(self.intersection.ego_at + self.ego_speed * (now - MEETING))
     }
 
-    /// Ego at an instant, if its brakes bite from `bite` on.
+    /// Returns ego at an instant if its brakes bite from `bite` on.
     pub(crate) fn ego_braking(&self, now: f64, bite: Option<f64>, deceleration: f64) -> Rectangle {
         let braked = bite.map_or(0.0, |bite| (now - bite).max(0.0));
         let braking = braked.min(self.ego_speed / deceleration);
@@ -135,7 +135,8 @@ impl CrossingGeometry {
         Rectangle { front, heading, length, width }
     }
 
-    /// Returns `true` if a camera of this range sees the runner: both ends of its front and their middle.
+    /// Returns `true` if a camera of this range sees the runner: both ends of the runner's front,
+    /// and the middle between them.
     pub(crate) fn sees(&self, now: f64, range: f64) -> bool {
         let [x, y] = self.ego(now).front;
         let camera = [x - CAMERA, y];
@@ -150,7 +151,7 @@ impl CrossingGeometry {
         })
     }
 
-    /// Returns when the cars touch, if ego decides to brake at `decided`, or never.
+    /// Returns when the cars touch if ego decides to brake at `decided`, or never decides.
     pub(crate) fn contact(&self, decided: Option<f64>, brakes: &Brakes) -> Option<f64> {
         let bite = decided.map(|decided| decided + brakes.delay);
         let fastest = self.ego_speed + self.runner_speed;
@@ -160,7 +161,7 @@ impl CrossingGeometry {
     }
 }
 
-/// Ego with its front there.
+/// Returns ego with its front at this place.
 fn ego_at(front: f64) -> Rectangle {
     let (length, width) = CAR;
     Rectangle { front: [front, LANE], heading: [1.0, 0.0], length, width }

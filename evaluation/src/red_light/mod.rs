@@ -97,7 +97,7 @@ pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
     approach: WarningSource,
-    /// None: there is no cloud.
+    /// `None` if there is no cloud.
     round_trip: Option<f64>,
     collides: bool,
     brakes_before: Option<f64>,
@@ -143,15 +143,16 @@ struct RedLightParameters {
     ego: Ego,
 }
 
-/// All that is shown.
+/// Everything that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct RedLightResult {
     scenario: &'static str,
     parameters: RedLightParameters,
     runs: Vec<RedLightRun>,
-    /// The detector in the cloud, if it answered after no time at all.
+    /// The runs with the detector in the cloud if it answered in no time.
     at_once: Vec<RedLightRun>,
-    /// Both detectors, if nothing hid the runner; the cloud's at the shortest round trip.
+    /// The runs with both detectors if nothing hid the runner. The cloud's detector has the
+    /// shortest round trip.
     without_occluder: Vec<RedLightRun>,
 }
 
@@ -188,7 +189,8 @@ impl Args {
         }
     }
 
-    /// Runs of each variant and delta, approach by approach; those with a cloud with each round trip.
+    /// Returns the runs of each variant and delta, approach by approach. An approach with a cloud
+    /// runs with each round trip.
     fn runs(
         &self,
         ego: &Ego,

@@ -1,4 +1,4 @@
-//! The intersections from above.
+//! Draws the intersections from above.
 
 use plotters::prelude::*;
 
@@ -124,7 +124,7 @@ fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>)
     canvas.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
 }
 
-/// Both roads, 7 m wide, and what hides the other car.
+/// Draws both roads, 7 m wide, and what hides the other car.
 fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
     let road = theme.line.filled();
     shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);

@@ -6,7 +6,7 @@ use crate::approach::seconds;
 use crate::red_light::geometry::{CrossingGeometry, MEETING};
 use crate::shape::Point;
 
-/// Vehicles report where they are so often, in ns.
+/// The time between two reports of a vehicle, in ns.
 pub(crate) const EVERY: u64 = 100_000_000;
 /// The instant at which the runner begins.
 const RUNNER_FROM: u64 = 50_000_000;
@@ -14,7 +14,7 @@ const RUNNER_FROM: u64 = 50_000_000;
 const HARD: f64 = 4.0;
 /// Cars that arrive within this many seconds of each other may meet.
 const TOGETHER: f64 = 1.0;
-/// Ego does not brake for what is so far off, in s.
+/// Ego brakes only if it reaches its reference within this time, in s.
 const AHEAD: f64 = 4.0;
 
 /// The car that reports.
@@ -64,7 +64,8 @@ impl<'a> Exchange<'a> {
         Self { geometry, service: ReportedLocations::default(), runner_next: RUNNER_FROM }
     }
 
-    /// Returns what the service answers to ego's report at this instant; what the runner sent until then has reached it.
+    /// Returns the service's answer to ego's report at this instant. The reports that the runner
+    /// sent by then have reached the service.
     pub(crate) fn ego(&mut self, at: u64) -> Vec<VehicleState> {
         while self.runner_next <= at {
             self.service.report(
@@ -87,8 +88,8 @@ impl<'a> Exchange<'a> {
     }
 }
 
-/// Returns `true` if ego brakes for a neighbour at this instant, by where the neighbour is if it
-/// went on as it reported.
+/// Returns `true` if ego brakes for a neighbour at this instant. It assumes that the neighbour went
+/// on as it reported.
 pub(crate) fn must_brake(geometry: &CrossingGeometry, neighbour: &VehicleState, now: u64) -> bool {
     let heading = geometry.intersection.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];

@@ -63,7 +63,7 @@ fn table(text: &mut String, result: &RedLightResult) -> std::fmt::Result {
     )
 }
 
-/// Returns a delta with its sign, where it has one.
+/// Returns a delta with its sign, if it has one.
 fn signed(delta: f64) -> String {
     let delta = if delta == 0.0 { "0".to_owned() } else { format!("{delta:+}") };
     format!("{} s", delta.replace('-', "−"))

@@ -1,4 +1,4 @@
-//! The other checks that hard-coding does not pass.
+//! More checks that hard-coded results would not pass.
 
 use std::time::Duration;
 
@@ -8,16 +8,16 @@ use crate::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::tests::{REFERENCE, any_vehicle, drive, end, end_at};
 use crate::traffic_jam::tests_of_cells::guard;
 
-/// Evenly over a frame.
+/// Phases that are spread evenly over a frame.
 const PHASES: [f64; 8] = [0.0625, 0.1875, 0.3125, 0.4375, 0.5625, 0.6875, 0.8125, 0.9375];
 
-/// In how many phases it collides.
+/// Returns the number of phases in which the vehicle collides.
 fn hits(vehicle: &Vehicle, speed: f64, approach: Approach, response: f64) -> usize {
     let ends = PHASES.map(|phase| end_at(&drive(vehicle, speed, phase, approach), response));
     ends.iter().filter(|end| end.hits()).count()
 }
 
-/// Until when results of a source of this range suffice, in s after capture.
+/// Returns how late the results of a source of this range may come, in s after capture.
 fn budget(vehicle: &Vehicle, speed: f64, range: f64) -> f64 {
     let braking = speed / (2.0 * vehicle.deceleration) + vehicle.brake_delay;
     range / speed - braking - f64::from(vehicle.frames) / vehicle.rate
@@ -63,7 +63,7 @@ fn scaled_in_distance_speed_and_time_everything_ends_the_same() {
             local_response: vehicle.local_response * factor,
             ..vehicle
         };
-        // Where phases end differently, so that a little shows.
+        // Here the phases end differently, so a small difference shows.
         let near = budget(&vehicle, speed, vehicle.range_cloud) + random.f64() / vehicle.rate;
         let response = near.clamp(0.05, 2.0);
         let deadline = random.f64_between(0.05, 1.5);
@@ -138,7 +138,7 @@ fn the_guard_never_collides_where_local_alone_does_not_and_half_a_second_does() 
         let speed = if seed % 3 == 0 { 20.0 } else { random.f64_between(9.0, 28.0) };
         let phase = random.f64();
         let drop_rate = random.f64();
-        // A response for each frame, by its instant.
+        // The instant of a frame determines its response.
         let response = |at: u64| {
             let random = &mut Rng::with_seed(seed ^ at.rotate_left(20));
             let response = random.one_of(&[0.1, 0.3, 0.6, 1.2]) * random.f64_between(0.5, 1.5);

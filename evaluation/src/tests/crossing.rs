@@ -1,4 +1,5 @@
-//! A second simulation of both other scenes, by small steps of time and with shapes cut into points.
+//! A second simulation of both other scenes, in small steps of time and with shapes cut into
+//! points.
 
 use fuseline_testkit::Rng;
 
@@ -8,7 +9,8 @@ use crate::red_light::{CrossingGeometry, Variant};
 
 const STEP: f64 = 1e-3;
 
-/// Points all over a car's outline, a hand's breadth apart; its front is at `front`, its heading in degrees.
+/// Returns points all along a car's outline, a hand's breadth apart. Its front is at `front`, and
+/// its heading is in degrees.
 fn outline(front: [f64; 2], degrees: f64) -> Vec<[f64; 2]> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let at = |back: f64, contingency: f64| {
@@ -21,7 +23,8 @@ fn outline(front: [f64; 2], degrees: f64) -> Vec<[f64; 2]> {
     sides.chain(ends).collect()
 }
 
-/// Returns `true` if a point lies in a car that drives along +x, `spare` metres around it counted in.
+/// Returns `true` if a point lies in a car that drives along +x. The car counts as larger by
+/// `spare` metres on each side.
 fn is_in(front: [f64; 2], point: [f64; 2], spare: f64) -> bool {
     let (x, y) = (front[0] - point[0], (point[1] - front[1]).abs());
     -spare <= x && x <= 4.7 + spare && y <= 0.95 + spare
@@ -65,7 +68,8 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
             front += (speed - slower / 2.0).max(0.0) * STEP;
             speed = (speed - slower).max(0.0);
         }
-        // A car's corner may go between the other's points: only its own points are looked at.
+        // A corner of one car may pass between the points of the other, so only clear cases are
+        // compared.
         if surely == nearly {
             compared += 1;
             assert_eq!(first, surely, "{seed}");

@@ -1,4 +1,4 @@
-//! The outcome, from a trace's `emit` and `miss` lines and the parameters alone.
+//! Computes the outcome from a trace's `emit` and `miss` lines and the parameters alone.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::operator::ScenarioOperator;
 use crate::tests::{REFERENCE, drive};
 use crate::traffic_jam::tests_of_cells;
 
-/// The output for each timestamp: when, and whose; none is a miss.
+/// Returns the output for each timestamp: its instant, and its source or `None` for a miss.
 fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {
     let lines = str::from_utf8(trace).unwrap().lines();
     let of = |line: &str| {
@@ -26,7 +26,8 @@ fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {
     lines.filter_map(of).collect()
 }
 
-/// Returns when the vehicle decides: at the earliest instant by which some three consecutive timestamps with output report.
+/// Returns when the vehicle decides: the earliest instant by which some three consecutive
+/// timestamps with an output have all reported.
 fn decided(drive: &ApproachRun<'_>, outputs: &BTreeMap<u64, (f64, Option<u64>)>) -> Option<f64> {
     let mut best: Option<f64> = None;
     for first in outputs.keys() {

@@ -27,7 +27,7 @@ pub(crate) const REFERENCE: Vehicle = Vehicle {
     reveal: None,
 };
 
-/// A vehicle and a speed from anywhere.
+/// Returns a random vehicle and a random speed.
 fn any_vehicle(random: &mut Rng) -> (Vehicle, f64) {
     let vehicle = Vehicle {
         deceleration: random.f64_between(4.0, 10.0),
@@ -57,7 +57,7 @@ fn end_at(drive: &ApproachRun<'_>, response: f64) -> DriveOutcome {
     end(drive, |_| Some(takes))
 }
 
-/// A drive of a vehicle.
+/// Returns one drive of a vehicle.
 fn drive(vehicle: &Vehicle, speed: f64, phase: f64, approach: Approach) -> ApproachRun<'_> {
     ApproachRun { vehicle, speed, phase, approach, deadline: Duration::ZERO }
 }

@@ -1,4 +1,5 @@
-//! The second simulation: small steps of time, positions added up, the rules of fusion for one frame in a few lines.
+//! The second simulation. It adds up positions in small steps of time, and has the rules of fusion
+//! for one frame in a few lines.
 
 use std::time::Duration;
 
@@ -23,15 +24,16 @@ struct Frame {
 /// The output for a frame.
 #[derive(Clone, Copy, PartialEq)]
 enum FrameOutput {
-    /// Nothing yet.
+    /// Nothing yet, but something may come.
     Waits,
-    /// Nothing, and nothing will.
+    /// Nothing, and nothing will come.
     Nothing,
     /// A result, which reports the obstacle or not.
     Tells(bool),
 }
 
-/// Lets a vehicle drive into an obstacle or stop before it; `clouds` are the responses by frame.
+/// Lets a vehicle drive into an obstacle or stop before it. `clouds` has the cloud's responses by
+/// frame.
 fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
     let ApproachRun { vehicle, speed: full, approach, .. } = *drive;
     let mut frames: Vec<Frame> = Vec::new();
@@ -82,7 +84,7 @@ fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
     }
 }
 
-/// The output for a frame that is so old.
+/// Returns the output for a frame of this age.
 fn output(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
     let sees = |range: f64| FrameOutput::Tells(frame.gap > 0.0 && frame.gap <= range);
     let by = |response: Option<f64>| response.is_some_and(|response| response <= age);
@@ -151,7 +153,7 @@ fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
             }
             (DriveOutcome::Hits { impact }, DriveOutcome::Hits { impact: other }) => {
                 hits += 1;
-                // As if it went on: so far beyond the obstacle it would have stood.
+                // The distance beyond the obstacle at which the vehicle would have stopped.
                 let beyond = |impact: f64| impact * impact / (2.0 * vehicle.deceleration);
                 (beyond(impact) - beyond(other)).abs()
             }

@@ -1,4 +1,5 @@
-//! The cells of the table: each from its drives, each drive by the shipped machine.
+//! The cells of the table. Each cell comes from its drives, and the shipped machine decides each
+//! drive.
 
 use std::time::Duration;
 
@@ -18,7 +19,8 @@ use crate::plot::Folder;
 pub(crate) enum DeadlineChoice {
     /// The longest that is safe.
     Guard,
-    /// Takes the deadline of least mean loss up to that, by calls that took the response.
+    /// The deadline of least mean loss, up to the guard's. It is chosen as if all calls took the
+    /// cell's response.
     Expected,
     /// Always the same.
     Constant(Duration),
@@ -29,7 +31,7 @@ pub(crate) enum DeadlineChoice {
 pub(crate) struct Jam {
     pub(crate) vehicle: Vehicle,
     pub(crate) deadline: DeadlineChoice,
-    /// None where no deadline needs it.
+    /// `None` if no deadline needs a guard.
     guard: Option<Guard>,
 }
 
@@ -71,7 +73,7 @@ pub(crate) struct CellParameters {
 }
 
 impl Cell {
-    /// Returns `true` if it is as the paper's; true where the paper has no such cell.
+    /// Returns `true` if the cell is as in the paper, or the paper has no such cell.
     pub(crate) fn is_as_in_paper(&self) -> bool {
         self.paper.is_none_or(|paper| self.outcome == paper)
     }
@@ -84,10 +86,10 @@ impl From<bool> for Colour {
 }
 
 impl Jam {
-    /// A vehicle and how its deadlines are chosen.
+    /// Creates a jam from a vehicle and the way in which its deadlines are chosen.
     ///
     /// # Errors
-    /// If the deadlines need a guard and its figures make no sense.
+    /// Returns an error if the deadlines need a guard and its figures make no sense.
     pub(crate) fn new(vehicle: Vehicle, deadline: DeadlineChoice) -> Result<Self, ScenarioError> {
         let guard = match deadline {
             DeadlineChoice::Constant(_) => None,
@@ -96,7 +98,8 @@ impl Jam {
         Ok(Self { vehicle, deadline, guard })
     }
 
-    /// Returns where the obstacle comes into range, in frames after a capture: evenly over the frames that local is busy with.
+    /// Returns where the obstacle comes into range, in frames after a capture. The places are
+    /// spread evenly over the frames for which local is busy.
     pub(crate) fn phases(&self) -> Vec<f64> {
         let busy = self.vehicle.frames_of_local();
         let (width, count) =
@@ -198,7 +201,7 @@ impl Jam {
         questions.par_iter().map(|question| self.cell(question, traces)).collect()
     }
 
-    /// Returns whether a cell has this outcome. It drives no more phases than the answer needs.
+    /// Returns `true` if a cell has this outcome. It drives no more phases than the answer needs.
     pub(crate) fn is(
         &self,
         question: &CellParameters,

@@ -126,12 +126,12 @@ struct TrafficJamParameters {
     vehicle: Vehicle,
 }
 
-/// All that is shown.
+/// Everything that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: TrafficJamParameters,
-    /// Places of the obstacle between two frames.
+    /// The number of places of the obstacle between two frames.
     phases: usize,
     cells: Vec<Cell>,
     #[serde(flatten)]
@@ -141,7 +141,7 @@ pub(crate) struct TrafficJamResult {
 /// The findings besides the cells.
 #[derive(Clone, Serialize)]
 struct ExtraResults {
-    /// None: the paper's table is not reproduced.
+    /// `None` if the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
     constants: Constants,
     on_board: Vec<OnBoardCells>,
@@ -149,7 +149,7 @@ struct ExtraResults {
 }
 
 impl TrafficJamResult {
-    /// Returns `true` if a cell of ours collides, and faster than local alone, which collides too.
+    /// Returns `true` if a cell of ours collides faster than local alone, which collides too.
     fn is_harder(&self, cell: &Cell) -> bool {
         let is_local = |other: &&Cell| {
             (other.approach, other.speed, other.response)

@@ -1,5 +1,5 @@
-//! Finds how narrow the reproduction is, what constant deadlines do, and what the paper does not
-//! say.
+//! Finds how far each parameter may change before the table breaks, how constant deadlines do, and
+//! what the paper does not say.
 
 use std::time::Duration;
 
@@ -15,12 +15,13 @@ use crate::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
 pub(crate) const ON_BOARD: f64 = 0.4077;
 /// The cloud's response with the paper's median round trip, in s.
 pub(crate) const MEDIAN: f64 = 0.1182 + 0.068;
-/// Constants that are shown.
+/// The constants that are shown.
 const CONSTANTS: [f64; 7] = [0.25, 0.3017, 0.5, 0.76, 1.0, 1.5, 3.1];
-/// Constants that are looked through, in hundredths of a second.
+/// The constants that are tried, in hundredths of a second.
 const SWEEP: std::ops::RangeInclusive<u32> = 1..=449;
 
-/// Within what a parameter alone may lie, so that each cell of the paper's table stays.
+/// The interval in which one parameter may change alone while each cell of the paper's table stays
+/// the same.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Interval {
     pub(crate) parameter: &'static str,
@@ -40,7 +41,8 @@ pub(crate) struct ConstantMisses {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Constants {
     pub(crate) some: Vec<ConstantMisses>,
-    /// The best of all from 0.01 to 4.49 s, the shortest of several.
+    /// The best of all constants from 0.01 to 4.49 s. If several are equally good, it is the
+    /// shortest.
     pub(crate) best: ConstantMisses,
 }
 
@@ -55,14 +57,15 @@ pub(crate) struct OnBoardCells {
     pub(crate) cloud: Colour,
 }
 
-/// Speeds at which the cloud at the median response avoids what its model on board, pipelined, hits.
+/// The speeds at which the cloud at the median response avoids a collision that its model on board,
+/// pipelined, does not avoid.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct CloudOnlySpeeds {
     pub(crate) above: f64,
     pub(crate) up_to: f64,
 }
 
-/// Returns the cells of the paper's table; local's stand once for all responses.
+/// Returns the cells of the paper's table. Local has one cell for all responses of the cloud.
 fn table() -> Vec<(CellParameters, bool)> {
     let paper = &PAPER.traffic_jam;
     let mut cells = Vec::new();
@@ -81,14 +84,15 @@ fn table() -> Vec<(CellParameters, bool)> {
     cells
 }
 
-/// Returns `true` if all cells of the paper's table are as there.
+/// Returns `true` if all cells are as in the paper's table.
 pub(crate) fn holds(vehicle: Vehicle, deadline: DeadlineChoice) -> bool {
-    // Where no guard can be, no cell is.
+    // No cell holds if the guard's figures make no sense.
     let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
     table().par_iter().all(|(question, collides)| jam.is(question, *collides).unwrap_or(false))
 }
 
-/// Returns the interval of each parameter, the others as they are; none if the table is not reproduced to begin with.
+/// Returns the interval of each parameter while the others stay the same, or `None` if the table is
+/// not reproduced to begin with.
 pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
     type ParameterChange = fn(&mut Vehicle) -> &mut f64;
     let parameters: [(&str, ParameterChange); 6] = [
@@ -114,7 +118,8 @@ pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
     })
 }
 
-/// Returns how far a parameter may go: in steps of this part of it until the table breaks, then to a ten-thousandth.
+/// Returns how far a parameter may change. It moves by this share of its value in each step until
+/// the table breaks, and then finds the edge to a ten-thousandth.
 fn edge(value: f64, step: f64, holds: impl Fn(f64) -> bool) -> f64 {
     const STEPS: u32 = 200;
     let at = |steps: u32| (value * (1.0 + step * f64::from(steps))).max(0.0);
@@ -149,7 +154,7 @@ pub(crate) fn constants(vehicle: Vehicle) -> Constants {
     Constants { some, best: best.expect("some were looked through") }
 }
 
-/// Returns how a vehicle without deadlines ends.
+/// Returns how all drives end for a vehicle that needs no deadlines.
 fn colour(
     vehicle: Vehicle,
     approach: Approach,
@@ -185,7 +190,7 @@ pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, Sc
     Ok(both.map(|(above, up_to)| CloudOnlySpeeds { above, up_to }))
 }
 
-/// Returns the least speed from 5 m/s on, to a hundredth, of which something is true.
+/// Returns the least speed from 5 m/s on at which a condition holds, to a hundredth.
 fn first(is: impl Fn(f64) -> Result<bool, ScenarioError>) -> Result<Option<f64>, ScenarioError> {
     for step in 5..60 {
         if is(f64::from(step))? {

@@ -1,4 +1,4 @@
-//! The table as a picture, and the deadlines that give it.
+//! Draws the table, and the deadlines that give it.
 
 use std::time::Duration;
 
@@ -110,7 +110,7 @@ fn draw(
     }
 }
 
-/// None where no guard can be.
+/// Draws the deadlines, or returns `None` if the guard's figures make no sense.
 fn deadlines(jam: &Jam) -> Option<Plot> {
     let vehicle = jam.vehicle;
     let guard = Jam::new(vehicle, DeadlineChoice::Guard).ok()?;
@@ -185,7 +185,8 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
     }))
 }
 
-/// Every eighth point, and both sides of a jump: the drawing rounds points to whole units, which shows in short ways.
+/// Keeps every eighth point and both sides of each jump. The drawing rounds points to whole units,
+/// which shows in short lines.
 fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let is_jump = |one: usize, other: usize| {
         let [one, other] = [one, other].map(|place| points.get(place));

@@ -1,4 +1,4 @@
-//! The table against the paper's, cell by cell.
+//! Compares the table with the paper's, cell by cell.
 
 use std::time::Duration;
 

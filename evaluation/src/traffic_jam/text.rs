@@ -1,4 +1,4 @@
-//! The table and what else is found, for people.
+//! Formats the table and the other findings as text.
 
 use std::fmt::Write;
 
@@ -85,7 +85,7 @@ fn shown(cell: &Cell) -> (String, anstyle::Style) {
     }
 }
 
-/// Returns the deadline of a row, if it is one.
+/// Returns the deadline of a row, or `varies` if its cells have different ones.
 fn deadline(row: &[Cell]) -> String {
     let first = row.first().and_then(|cell| cell.deadline);
     let is_one = row.iter().all(|cell| cell.deadline == first);
