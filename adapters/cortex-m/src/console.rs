@@ -12,7 +12,7 @@ pub struct Console {
     input: usize,
     output: usize,
     buffer: heapless::Vec<u8, { LONGEST + 1 }>,
-    /// So much of the buffer was taken as lines.
+    /// The number of bytes at the front of the buffer that were returned as lines.
     consumed: usize,
 }
 
@@ -31,7 +31,7 @@ impl Console {
         Self { input: open(0), output: open(4), buffer: heapless::Vec::new(), consumed: 0 }
     }
 
-    /// The next line without its end; none at the end of the input, or if the line is too long.
+    /// Returns the next line without its end, or `None` if the input ends or the line is too long.
     pub fn line(&mut self) -> Option<&[u8]> {
         self.buffer.rotate_left(self.consumed);
         self.buffer.truncate(self.buffer.len() - self.consumed);
@@ -45,12 +45,12 @@ impl Console {
         }
     }
 
-    /// Waits for more of the input.
+    /// Waits for more input. Returns `None` if there is none, or if the buffer is full.
     fn read_some(&mut self) -> Option<()> {
         let mut chunk = [0_u8; 1024];
         let room = chunk.len().min(self.buffer.capacity() - self.buffer.len());
         #[expect(unsafe_code, reason = "asks the host")]
-        // SAFETY: the host writes at most `room` bytes, which are there.
+        // SAFETY: the host writes at most `room` bytes, and the chunk has at least as many.
         let remaining = unsafe { syscall!(READ, self.input, chunk.as_mut_ptr(), room) };
         let got = chunk.get(..room.checked_sub(remaining)?)?;
         self.buffer.extend_from_slice(got).ok()?;

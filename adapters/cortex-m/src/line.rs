@@ -1,25 +1,25 @@
-//! Lines of the trace (`SPEC.md`, section 6): what is read of them, and decisions written.
+//! Reads lines of the trace and writes decisions (`SPEC.md`, section 6).
 
 use core::fmt::{self, Write};
 
 use fuseline_core::{Admission, Cloud, Commit, Firing, Opening, Outcome, Priorities, Priority};
 use serde::Deserialize;
 
-/// A header or an input, whichever of its keys are there.
+/// A header or an input. A key that the line does not have is `None`.
 #[derive(Deserialize)]
 pub struct Line<'a> {
-    /// The version: a header.
+    /// The format version. Only a header has one.
     pub fuseline: Option<u64>,
-    /// The event: only an input has one.
+    /// The name of the event. Only an input has one.
     #[serde(borrow)]
     pub ev: Option<&'a str>,
-    /// When.
+    /// The instant.
     pub at: Option<u64>,
     /// The timestamp.
     pub t: Option<u64>,
     /// The source.
     pub p: Option<u64>,
-    /// The deadline of an offer, or of local.
+    /// The deadline of an offer, or that of local in an open.
     pub deadline: Option<u64>,
     /// The backlog of an offer.
     pub backlog: Option<u64>,
@@ -41,7 +41,7 @@ pub struct CloudLine {
 }
 
 impl<'a> Line<'a> {
-    /// Reads a line; none if it is no JSON of the trace.
+    /// Reads a line, or returns `None` if it is not JSON of the trace.
     #[must_use]
     pub fn parse(text: &'a [u8]) -> Option<Self> {
         serde_json_core::from_slice(text).ok().map(|(line, _)| line)
@@ -78,7 +78,7 @@ impl<W: Write> Decisions<'_, W> {
     /// Writes the decisions of a firing.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the output cannot be written.
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> fmt::Result {
         let t = firing.timestamp.as_u64();
         for p in firing.timers.iter() {
@@ -90,7 +90,7 @@ impl<W: Write> Decisions<'_, W> {
     /// Writes the decision on an open.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the output cannot be written.
     pub fn opening(&mut self, t: u64, opening: Opening) -> fmt::Result {
         match opening {
             Opening::Accepted => Ok(()),
@@ -101,7 +101,7 @@ impl<W: Write> Decisions<'_, W> {
     /// Writes the decision on an offer.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the output cannot be written.
     pub fn admission(&mut self, t: u64, p: u64, admission: Admission) -> fmt::Result {
         match admission {
             Admission::Admitted { due } => {
@@ -115,7 +115,7 @@ impl<W: Write> Decisions<'_, W> {
     /// Writes the decision on a result or a failure of `p`.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the output cannot be written.
     pub fn outcome<const CLOUDS: usize>(
         &mut self,
         t: u64,
@@ -133,7 +133,8 @@ impl<W: Write> Decisions<'_, W> {
                 self.output(t, *by, cancelled)?;
                 match self.commit {
                     Commit::Eager | Commit::Patient => Ok(()),
-                    // F9: an output that is the last one is followed by the end.
+                    // Under progressive, an output that is the last one is followed by `final`
+                    // (F9).
                     Commit::Progressive => self.say("final", t, Some(by.as_u16().into()), None),
                 }
             }
@@ -165,7 +166,7 @@ impl<W: Write> Decisions<'_, W> {
         }
         if let Some(why) = why {
             self.out.write_str(r#","why":""#)?;
-            // The word of a reason is its name in lower case.
+            // The trace writes a reason as its name in lower case.
             write!(LowerCase(self.out), "{why:?}")?;
             self.out.write_str(r#"""#)?;
         }

@@ -12,17 +12,18 @@ use fuseline_core::{
     Timestamp,
 };
 
-/// An input to the operator, without its instant, which is when the operator receives it. `V` is the type of a result's
-/// value.
+/// An input to the operator. It has no instant, because its instant is when the operator receives
+/// it. `V` is the type of a result's value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Arrival<V = ()> {
-    /// F1: a message, and how long local may take for it.
+    /// A message, and how long local may take for it (F1).
     Message(Timestamp, Option<Deadline>),
-    /// F2: may it be sent to this cloud, which may take this long and in whose queue this many others wait?
+    /// An offer of a message to a cloud, with the deadline and the length of the cloud's queue
+    /// (F2).
     Request(Timestamp, Priority, Deadline, u64),
-    /// F3: a result of this source, and its value.
+    /// A result of this source, with its value (F3).
     Result(Timestamp, Priority, V),
-    /// F4: no result will come from this source.
+    /// A failure: no result will come from this source (F4).
     Failure(Timestamp, Priority),
 }
 
@@ -37,28 +38,31 @@ impl<V> Arrival<V> {
     }
 }
 
-/// A report of the operator. For each input it reports first the input, then what fired, then what became of the
-/// input.
+/// A report of the operator. For each input, the operator reports the input first, then each
+/// firing, then the outcome of the input.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Report<V, const CLOUDS: usize> {
-    /// It took this in; none if only time went by.
+    /// The operator received this input, or `None` if only a timer was due.
     Took(Option<Arrival>),
-    /// Timers fired (F5). With the value to send, if a result is forwarded, which under progressive none is.
+    /// Timers fired (F5). The value is there if the firing forwards a result and it is to be sent.
+    /// Under progressive, a firing never has one.
     Fired(Firing<CLOUDS>, Option<V>),
     /// A message was accepted or refused (F1).
     Opened(Timestamp, Opening),
     /// A request was admitted or refused (F2). If it is admitted, send it.
     Offered(Timestamp, Priority, Admission),
-    /// The outcome of a result or a failure (F3, F4), with the value to send if a result is forwarded.
-    /// Under progressive, better results may follow (F9).
+    /// The outcome of a result or a failure (F3, F4), with the value to send if a result is
+    /// forwarded. Under progressive, better results may follow (F9).
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 
-/// Drives the machine forever: takes what comes from `inbox`, ticks at each due instant, and reports everything to
-/// `report` with the instant at which it was decided. `held` has the values of the machine's held results; it starts empty.
+/// Drives the machine forever: takes inputs from `inbox`, ticks at each due instant, and reports
+/// everything to `report` with the instant at which it was decided. `held` stores the values of the
+/// machine's held results and starts empty.
 ///
-/// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then,
-/// and the next call with the same `fusion` and `held` goes on from there.
+/// Instants are nanoseconds of embassy's clock. The future may be dropped at any await: everything
+/// that it received is reported by then. The next call with the same `fusion` and `held` continues
+/// from there.
 pub async fn operate<V, M: RawMutex, const LEN: usize, const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     held: &mut Held<V, WINDOW>,

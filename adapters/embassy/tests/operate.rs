@@ -1,5 +1,5 @@
-//! The operator on the host, by a clock that the test moves: its reports make a trace, and the strict judge finds
-//! nothing in it.
+//! Runs the operator on the host, with a clock that the test moves. Its reports make a trace, in
+//! which the strict judge finds no violation.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -16,7 +16,7 @@ use fuseline_traces::{Decision, Input, judge};
 
 const CLOUD: Priority = Priority::new(1);
 
-/// A result's value that cannot be copied: of this message, from this source.
+/// A result's value, with its message and its source. It cannot be copied.
 #[derive(PartialEq, Eq, Debug)]
 struct Value(u64, Priority);
 
@@ -41,7 +41,7 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
     }
 }
 
-/// The lines that the reports make, at the end.
+/// Appends the lines of a report to the trace.
 fn record(trace: &mut Vec<u8>, commit: Commit, at: u64, reported: &Report<Value, 1>) {
     let mut lines = Vec::new();
     let mut decide = |decision: Decision| lines.push(decision);
@@ -69,7 +69,7 @@ fn record(trace: &mut Vec<u8>, commit: Commit, at: u64, reported: &Report<Value,
     }
 }
 
-/// Lets the operator take what it was sent, and time go by.
+/// Lets the operator take its inputs, then moves the clock by this many milliseconds.
 async fn pass(millis: u64) {
     for _ in 0..4 {
         yield_now().await;
@@ -80,7 +80,8 @@ async fn pass(millis: u64) {
     }
 }
 
-/// Six messages under this rule: the trace, which conforms, and the values sent.
+/// Plays six messages under this rule. Returns the trace, which conforms, and the values that were
+/// sent.
 fn play(commit: Commit, word: &str) -> (String, Vec<Value>) {
     // All tests share one clock.
     static CLOCK: Mutex<()> = Mutex::new(());
@@ -99,16 +100,17 @@ fn play(commit: Commit, word: &str) -> (String, Vec<Value>) {
             inbox.send(Arrival::Request(t, CLOUD, Deadline::from_millis(40), 0)).await;
             pass(10).await;
             match t.as_u64() {
-                // Neither answers: missed at the deadline of local.
+                // Neither source answers, so the message is missed at local's deadline.
                 4 => pass(80).await,
-                // The cloud's call fails, local's result comes after.
+                // The cloud's call fails, and local's result comes afterwards.
                 3 => {
                     inbox.send(Arrival::Failure(t, CLOUD)).await;
                     inbox.send(result(t, Priority::LOCAL)).await;
                 }
-                // Local's is held when the script ends, and the operator with it.
+                // Local's result is held when the script ends and the operator is dropped.
                 5 => inbox.send(result(t, Priority::LOCAL)).await,
-                // Local's is held until the timer of the cloud fires, whose result comes too late.
+                // Local's result is held until the cloud's timer fires. The cloud's result comes
+                // too late.
                 2 => {
                     inbox.send(result(t, Priority::LOCAL)).await;
                     pass(60).await;

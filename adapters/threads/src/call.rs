@@ -113,7 +113,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         outcome: Outcome<CLOUDS>,
         unused: Option<T>,
     ) -> CallOutcome<T, CLOUDS> {
-        // A message is forwarded once, so at most one of the two forwards it.
+        // A message is forwarded once, so the firing and the outcome never both forward it.
         let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
         let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
         CallOutcome { fired, outcome, forwarded, unused }

@@ -155,8 +155,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
     /// Replaces the message's state by the one that `decide` returns, as one atomic step, and returns its
     /// answer. Returns `None` if the message is no longer open.
     ///
-    /// Within a generation no state recurs, and the due instant of a requested source stays. So if the word
-    /// is unchanged, everything that `decide` saw is unchanged too.
+    /// No state recurs within a generation, and the due instant of a requested source does not
+    /// change. So if the word is unchanged, everything that `decide` saw is unchanged too.
     pub(crate) fn exchange<A>(
         &self,
         message_id: MessageId,
@@ -164,7 +164,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
     ) -> Option<A> {
         let window_slot = self.slots.get(message_id.place())?;
         for _ in 0..Self::CHANGES {
-            // Acquire: the due instants of the requested sources, and what was done before results were held.
+            // Acquire makes visible the due instants of the requested sources, and everything that
+            // was done before their results were held.
             let packed =
                 PackedSlot::<CLOUDS>::from_bits(window_slot.packed.load(Ordering::Acquire));
             if packed.generation() != message_id.generation {
@@ -172,11 +173,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
             }
             let (slot, answer) = decide(window_slot, window_slot.entry(packed.slot(self.commit)));
             let next = packed.stepped(slot);
-            // Exchange even if nothing changes: the slot may be in use for another message, with other due
-            // instants.
-            // Release: what the caller did before becomes visible to the thread that forwards or opens next.
-            // The word of a failed exchange is unused, so its load may be relaxed; the next load sees no
-            // older word.
+            // The exchange runs even if nothing changes, because another message with other due
+            // instants may use the slot by now.
+            // Release makes what this caller did before visible to the thread that forwards or
+            // opens next. The word of a failed exchange is unused, so its load may be relaxed; the
+            // next load sees no older word.
             let exchanged = window_slot.packed.compare_exchange(
                 packed.bits(),
                 next.bits(),
@@ -201,16 +202,16 @@ impl<const CLOUDS: usize> WindowSlot<CLOUDS> {
         }
     }
 
-    /// Sets the due instant of a source that is not yet requested. Relaxed: the word that requests the source
-    /// publishes it.
+    /// Sets the due instant of a source that is not yet requested. The store is relaxed because the
+    /// word that requests the source publishes it.
     pub(crate) fn set_due(&self, source: Source, due: Instant) {
         if let Some(cell) = self.due(source) {
             cell.store(due.as_nanos(), Ordering::Relaxed);
         }
     }
 
-    /// Returns the state with the due instants of its armed timers. Relaxed: they were published together
-    /// with the word.
+    /// Returns the state with the due instants of its armed timers. The loads are relaxed because
+    /// the due instants were published together with the word.
     fn entry(&self, slot: Slot) -> Entry<CLOUDS> {
         let mut entry = Entry::new(slot);
         for source in slot.armed().iter() {

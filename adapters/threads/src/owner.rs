@@ -70,8 +70,8 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             window_slot.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let packed = packed.opened(entry.slot());
-        // Nobody else writes a free slot, so a store suffices. Relaxed: other threads get the message id
-        // after this.
+        // Nobody else writes a free slot, so a store suffices. It is relaxed because other threads
+        // get the message id only after it.
         window_slot.packed.store(packed.bits(), Ordering::Relaxed);
         self.state.newest = Some(timestamp);
         self.state.last = index;
@@ -121,9 +121,9 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         let slots = self.handle.slots.iter().take(self.handle.window).enumerate();
         let from = self.state.last.wrapping_add(1);
         let free = |(index, window_slot): (usize, &'a WindowSlot<CLOUDS>)| {
-            // An exchange that changes nothing, because a load might miss a retirement of long ago.
-            // Acquire: everything that was done before the retirement, including reads of the due instants
-            // that are overwritten next.
+            // A plain load might miss an old retirement, so this is an exchange that changes
+            // nothing. Acquire orders it after everything that was done before the retirement,
+            // including reads of the due instants that are overwritten next.
             let packed = PackedSlot::from_bits(window_slot.packed.fetch_or(0, Ordering::Acquire));
             (!packed.is_open()).then_some((index, window_slot, packed))
         };

@@ -35,7 +35,6 @@ const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
     (now, CallInput::Offer { t, p, deadline, backlog })
 }
 
-/// Returns a failure.
 const fn fail(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Fail { t, p })
 }
@@ -54,7 +53,8 @@ struct Race {
 }
 
 impl Race {
-    /// Explores the race under each commit rule. Every order of the pure step must occur, and nothing else.
+    /// Explores the race under each commit rule. Exactly the answers that some order of the pure
+    /// step gives must occur.
     fn check<const CLOUDS: usize, const WINDOW: usize>(&'static self) {
         for commit in EVERY_RULE {
             let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
@@ -69,7 +69,7 @@ impl Race {
         }
     }
 
-    /// Returns the answers in every order of the calls, one call after the other.
+    /// Returns the answers for each order in which the calls can be made one after the other.
     fn orders(&self, machine: &Sequential) -> HashSet<Vec<CallAnswer>> {
         let mut alone = Order::new(machine, self.threads.len());
         self.before.iter().for_each(|call| alone.make(0, *call));
@@ -132,7 +132,7 @@ struct Order {
     machine: Sequential,
     /// The number of calls that each thread has made.
     made: Vec<usize>,
-    /// The timestamps of which each thread knows an open.
+    /// The timestamps that each thread knows to have been opened.
     opened: Vec<HashSet<u64>>,
     calls: Vec<(Timed, CallAnswer)>,
 }
@@ -143,8 +143,8 @@ impl Order {
         Self { machine: machine.clone(), made, opened, calls: Vec::new() }
     }
 
-    /// Makes a call. It leaves out a call about a timestamp of which the thread knows no open, as
-    /// [`ThreadHandle::make`] does.
+    /// Makes a call, unless the thread does not know that the timestamp was opened.
+    /// [`ThreadHandle::make`] leaves out the same calls.
     fn make(&mut self, thread: usize, call: Timed) {
         let (now, input) = call;
         let t = input.timestamp();
@@ -173,7 +173,7 @@ fn explore(run: impl Fn() + Sync + Send + 'static) {
     builder.check(run);
 }
 
-/// The second result is superseded, or the first was held and the second forwards it (P1).
+/// Cloud 2's result is forwarded. If cloud 1's comes after it, cloud 1's is superseded (P1).
 #[test]
 fn p1_two_clouds_race() {
     static RACE: Race = Race {
@@ -314,7 +314,7 @@ fn f1_opens_race_what_frees_their_places() {
     RACE.check::<1, 2>();
 }
 
-/// A caller whose timestamp changes as often as possible still gets its answer (F8).
+/// A caller still gets its answer if its timestamp changes as often as possible (F8).
 #[test]
 fn f8_a_failure_meets_every_change_of_its_timestamp() {
     static RACE: Race = Race {

@@ -15,7 +15,7 @@ const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;
 const WINDOW: usize = 4;
 
-/// A value that knows where it belongs, and counts itself.
+/// A value that knows its message and its source, and counts how many of its kind are alive.
 struct Value<'a> {
     t: Timestamp,
     p: Priority,

@@ -64,8 +64,8 @@ impl Race {
     }
 }
 
-/// Returns `true` if a caller that forwards has a value, and a caller whose result was dropped has its own
-/// back.
+/// Returns `true` if a caller that forwards has a value, and a caller whose result was dropped has
+/// got its own value back.
 fn is_complete(reply: &Reply) -> bool {
     let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
     let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
@@ -88,7 +88,8 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
     });
 }
 
-/// The cloud's value is forwarded if it is there. Each other value comes back or stays in its cell (P3).
+/// The cloud's value is forwarded if it has come. Each other value comes back or stays in its cell
+/// (P3).
 #[test]
 fn p3_local_and_a_cloud_race_with_their_values() {
     explore(ONE_OUTPUT, |commit| {

@@ -1,4 +1,5 @@
-//! An image that answers the inputs of `fuseline drive`: the machine as it is, without an operating system or an allocator.
+//! An image that answers the inputs of `fuseline drive` with the machine alone, without an
+//! operating system or an allocator.
 #![no_std]
 #![no_main]
 
@@ -12,9 +13,10 @@ use fuseline_core::{
 use fuseline_cortex_m::console::Console;
 use fuseline_cortex_m::line::{Decisions, Line};
 
-/// Whatever SPEC.md allows.
+/// The largest machine that `SPEC.md` allows.
 type LargestFusion = Fusion<15, 1024>;
-/// An answer, gathered so that the host is called once for it: at worst 1024 timestamps of 16 timers.
+/// Collects the whole answer, so that the host is called only once for it. The largest answer has
+/// 1024 timestamps with 16 timers each.
 type AnswerText = heapless::String<{ 2 * 1024 * 1024 }>;
 
 #[entry]
@@ -45,7 +47,7 @@ fn reply(machine: &mut Option<LargestFusion>, line: &Line<'_>, out: &mut AnswerT
 
 fn apply_line(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     let now = line.at?;
-    // F0: decisions bear the machine's instant, which does not go back.
+    // A decision bears the machine's instant, which does not go back (F0).
     let (commit, at) = (machine.commit(), machine.now().as_nanos().max(now));
     let mut decisions = Decisions { out, commit, at };
     let mut fired = Ok(());

@@ -1,4 +1,5 @@
-//! An image in which the operator of `fuseline-embassy` runs, by a clock that the image moves; it prints its trace.
+//! An image that runs the operator of `fuseline-embassy` and prints its trace. The image moves the
+//! clock itself.
 #![no_std]
 #![no_main]
 
@@ -20,7 +21,7 @@ use core::fmt::{self, Write};
 
 const CLOUD: Priority = Priority::new(1);
 
-/// A result's value: of which message it is, and from which source.
+/// A result's value: the message and the source that it belongs to.
 type HeldNumber = (Timestamp, Priority);
 
 static INBOX: Channel<CriticalSectionRawMutex, Arrival<HeldNumber>, 8> = Channel::new();
@@ -45,7 +46,8 @@ fn main() -> ! {
     end(if written.is_ok() && are_values_right && is_over { EXIT_SUCCESS } else { EXIT_FAILURE })
 }
 
-/// Five messages: the cloud answers two in time, one too late, fails one, and loses one as local does.
+/// Sends five messages. The cloud answers two in time and one too late. It fails one, and for the
+/// last one neither the cloud nor local answers.
 async fn messages() {
     for t in (0..5).map(Timestamp::new) {
         INBOX.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
@@ -72,7 +74,7 @@ fn result(t: Timestamp, source: Priority) -> Arrival<HeldNumber> {
     Arrival::Result(t, source, (t, source))
 }
 
-/// Returns whether a forwarded result comes with its own value, and nothing else comes with a
+/// Returns `true` if a forwarded result comes with its own value, and nothing else comes with a
 /// value.
 fn has_its_value(reported: &Report<HeldNumber, 1>) -> bool {
     let (t, outcome, value) = match reported {
@@ -90,7 +92,7 @@ fn has_its_value(reported: &Report<HeldNumber, 1>) -> bool {
     }
 }
 
-/// Lets the operator take what it was sent, and time go by.
+/// Lets the operator take its inputs, then moves the clock by this many milliseconds.
 async fn pass(millis: u64) {
     for _ in 0..4 {
         yield_now().await;
@@ -101,7 +103,7 @@ async fn pass(millis: u64) {
     }
 }
 
-/// The lines of the trace that the reports make.
+/// Writes the lines of the trace for a report.
 fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Result {
     let mut decisions = Decisions { out: &mut *out, commit: Commit::Eager, at };
     match *reported {

@@ -15,7 +15,6 @@ use crate::common::sequential::Sequential;
 pub(crate) struct TimedCall {
     /// The caller's clock and input.
     pub(crate) input: Timed,
-    /// The answer.
     pub(crate) answer: CallAnswer,
     /// The reading of the history's own clock before the call.
     pub(crate) began: u64,
@@ -23,7 +22,7 @@ pub(crate) struct TimedCall {
     pub(crate) ended: u64,
 }
 
-/// The calls of all threads. Its clock and its lock are not part of what loom simulates.
+/// The calls of all threads. Loom does not simulate the clock and the lock of the history.
 #[derive(Debug, Default)]
 pub(crate) struct CallHistory {
     clock: AtomicU64,
@@ -55,8 +54,8 @@ impl CallHistory {
         calls
     }
 
-    /// Returns `true` if some order of the calls makes `machine` give the same answers. No call may come
-    /// before one that had ended when it began.
+    /// Returns `true` if some order of the calls makes `machine` give the same answers. In this
+    /// order, no call may come before one that had ended when it began.
     ///
     /// # Panics
     /// Panics if there is no call, or if there are more than 64.
@@ -109,8 +108,8 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
         Self { history, handle, owner: None, tickets }
     }
 
-    /// Makes these calls one after the other, each after a `pause`. A call about a message that this thread
-    /// has no id for is left out.
+    /// Makes these calls one after the other, each after a `pause`. Leaves out calls about messages
+    /// that this thread has no id for.
     pub(crate) fn make(&mut self, calls: &[Timed], mut pause: impl FnMut()) {
         for input in calls {
             pause();

@@ -62,7 +62,6 @@ pub(crate) struct CallFirings {
     pub(crate) due: u64,
     /// The sources of the timers.
     pub(crate) timers: Sources,
-    /// The decision.
     pub(crate) decision: Decision,
 }
 
@@ -138,13 +137,11 @@ pub(crate) const fn open(now: u64, t: u64) -> Timed {
     (now, CallInput::Open { t, deadline: None })
 }
 
-/// Returns a result.
 #[must_use]
 pub(crate) const fn result(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Result { t, p })
 }
 
-/// Returns a tick.
 #[must_use]
 pub(crate) const fn tick(now: u64, t: u64) -> Timed {
     (now, CallInput::Tick { t })

@@ -1,5 +1,5 @@
-//! The machine as callers meet it one after the other: the pure step, preceded by each timestamp's own
-//! timers.
+//! The machine as callers see it when they call one after the other. Each call first fires the
+//! timers of its own timestamp, then applies the pure step.
 
 use std::collections::BTreeMap;
 
