@@ -22,7 +22,7 @@ pub(crate) fn take_program(message: &Value, programs: &mut Programs) {
     let folder = Path::new(manifest).parent().unwrap_or(Path::new(manifest)).to_owned();
     let place = (PathBuf::from(executable), folder);
     let key = (package.to_owned(), target.to_owned());
-    // A library's tests come before a program of the same name.
+    // A library's tests take precedence over a program of the same name.
     let is_library = message["target"]["kind"][0] == "lib";
     if is_library || !programs.contains_key(&key) {
         programs.insert(key, place);

@@ -1,4 +1,4 @@
-//! Builds the faults: all at once, but those that need a build of their own.
+//! Builds the faults: all at once, except faults that need a build of their own.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,12 @@ use crate::work::{Built, FaultyCopy, Programs};
 /// The files that differ from the project's, with their texts.
 pub(crate) type Texts = BTreeMap<String, String>;
 
-/// The faults of a file, and the words `const` that it does without.
+/// The faults of a file, and the words `const` that are removed from it.
 type FileChanges<'a> = (Vec<(u32, &'a SeededFault)>, Vec<std::ops::Range<usize>>);
 
 impl Campaign<'_> {
-    /// Builds all faults at once. One that does not compile beside the others has a build of its own.
+    /// Builds all faults at once. A fault that does not compile beside the others gets a build of
+    /// its own.
     pub(crate) fn build_shared(
         &self,
         work: &FaultyCopy,
@@ -38,7 +39,8 @@ impl Campaign<'_> {
                             .iter()
                             .filter_map(|(file, at)| Some(rewritten.get(file)?.faults_at(*at)));
                         let mut faults: BTreeSet<u32> = faults.flatten().collect();
-                        // A constant needs what is none beside its faults.
+                        // With faults in it a function is no longer `const`, so a constant that
+                        // calls it does not compile. The error names no fault then.
                         if faults.is_empty() && said.contains("[E0015]") {
                             let is_constant = |fault: &SeededFault| {
                                 fault.function.as_ref().is_some_and(|it| it.constant.is_some())
@@ -90,7 +92,7 @@ impl Campaign<'_> {
         rewritten.collect()
     }
 
-    /// Returns the constant functions with faults, and those that call them.
+    /// Returns the constant functions with faults, and the constant functions that call them.
     fn constants(&self, apart: &BTreeMap<u32, String>) -> Result<Vec<Function>, FaultsError> {
         let faulty = self.parts().filter(|(number, _)| !apart.contains_key(number));
         let faulty = faulty.filter_map(|(_, fault)| fault.function.clone());
@@ -124,7 +126,7 @@ impl Campaign<'_> {
         Ok(found)
     }
 
-    /// Builds one fault by itself, in a file that has no other.
+    /// Builds one fault by itself, in a file without other faults.
     pub(crate) fn build_apart(
         &self,
         work: &FaultyCopy,
@@ -135,7 +137,8 @@ impl Campaign<'_> {
         for part in fault.parts() {
             texts.insert(part.file.clone(), self.tree.text(&part.file)?);
         }
-        // From the end of a file on, so that each stands where it was found.
+        // The parts are replaced from the end of a file on, so that the places of the others stay
+        // right.
         let mut parts: Vec<&SeededFault> = fault.parts().collect();
         parts.sort_by_key(|part| std::cmp::Reverse(part.at.start));
         for part in parts {

@@ -16,11 +16,11 @@ use crate::table::{ENOUGH, ExpectedWitnesses};
 use crate::tree::Tree;
 use crate::work::{FaultyCopy, Programs, Trial, WitnessRun};
 
-/// A witness has this many times as long as it took without a fault.
+/// A witness may take this many times as long as it took without a fault.
 const PATIENCE: u32 = 4;
-/// The least that it has.
+/// The least time limit of a witness.
 const LEAST: Duration = Duration::from_secs(30);
-/// The most that one case of misuse has.
+/// The greatest time limit of one case of misuse.
 const FOR_A_CASE: Duration = Duration::from_secs(120);
 /// The time limit of a witness whose usual time is unknown.
 const PATIENT: Duration = Duration::from_secs(900);
@@ -33,26 +33,27 @@ pub struct Campaign<'a> {
     pub target: PathBuf,
     /// The kinds of witness.
     pub kinds: &'a [&'static WitnessKind],
-    /// All faults, so that one build has them all, whichever run.
+    /// All faults. One build contains all of them, even if only some run.
     pub faults: &'a [SeededFault],
-    /// The names of those that run.
+    /// The names of the faults that run.
     pub chosen: &'a BTreeSet<String>,
     /// The witnesses that must show each identifier, by kind.
     pub expected: &'a ExpectedWitnesses,
-    /// `true` if each kind runs that could see a fault, and not only until two have caught it.
+    /// `true` if each kind runs that could see a fault. Otherwise the kinds stop once two have
+    /// caught it.
     pub thorough: bool,
     /// The number of witnesses that run at once, at least 1.
     pub jobs: usize,
-    /// Set from outside to end early.
+    /// Ends the campaign early when it is set.
     pub stop: &'a AtomicBool,
 }
 
 /// The witnesses that caught a fault.
 #[derive(Clone, Debug, Default)]
 pub struct Catches {
-    /// By kind: the witnesses that failed; an empty set is a kind that ran and caught nothing.
+    /// The witnesses that failed, by kind. The set is empty if the kind ran and caught nothing.
     pub by: BTreeMap<&'static str, BTreeSet<String>>,
-    /// The kinds whose time was up.
+    /// The kinds that ran out of time.
     pub out_of_time: BTreeSet<&'static str>,
     /// The reason why the fault had a build of its own, if it had one.
     pub own_build: Option<String>,
@@ -65,9 +66,10 @@ pub struct CampaignFindings {
     pub faults: BTreeMap<String, Catches>,
     /// The witnesses that held without a fault, by kind.
     pub held: BTreeMap<&'static str, BTreeSet<String>>,
-    /// By identifier: the kinds with a witness that cites it and failed under a fault of it.
+    /// The kinds with a witness that cites an identifier and failed under a fault of it, by
+    /// identifier.
     pub(crate) shown: BTreeMap<String, BTreeSet<&'static str>>,
-    /// By kind: the number of its runs under a fault, and the number of those that caught it.
+    /// The number of runs under a fault, and how many of them caught it, by kind.
     tries: BTreeMap<&'static str, (u32, u32)>,
 }
 
@@ -75,7 +77,7 @@ pub struct CampaignFindings {
 type FaultlessRuns = BTreeMap<&'static str, WitnessRun>;
 
 impl Catches {
-    /// Returns the number of kinds that caught it.
+    /// Returns the number of kinds that caught the fault.
     pub(crate) fn kinds(&self) -> usize {
         self.by.values().filter(|by| !by.is_empty()).count()
     }
@@ -85,7 +87,8 @@ impl Campaign<'_> {
     /// Runs the witnesses; `report` is called with each step.
     ///
     /// # Errors
-    /// A witness fails without a fault, something does not build without one, or `stop` was set.
+    /// Returns an error if a witness fails without a fault, something does not build without one,
+    /// or `stop` was set.
     pub fn run(&self, report: impl Fn(&str) + Sync) -> Result<CampaignFindings, FaultsError> {
         let folder = self.target.join("faults");
         let work = FaultyCopy {
@@ -129,7 +132,7 @@ impl Campaign<'_> {
             let why = apart.remove(&number).unwrap_or_default();
             report(&format!("{} has a build of its own: {why}", fault.name));
             let programs = self.build_apart(&work, &texts, fault)?;
-            // Nobody knows what comes to it.
+            // Nobody knows which programs reach it.
             for seen in faultless.values_mut() {
                 seen.reached.clear();
             }
@@ -141,7 +144,7 @@ impl Campaign<'_> {
         Ok(found.into_inner().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Runs all witnesses as they are: each must hold.
+    /// Runs all witnesses on the sources without a fault. Each of them must hold.
     fn without_fault(
         &self,
         work: &FaultyCopy,
@@ -176,7 +179,8 @@ impl Campaign<'_> {
         Ok(done.into_inner().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Runs the kinds that could see a fault until nothing more is to be known, first those that catch most in least time.
+    /// Runs the kinds that could see a fault until none can show more. It begins with kinds that
+    /// catch many faults in little time.
     fn witness(
         &self,
         work: &FaultyCopy,
@@ -204,7 +208,7 @@ impl Campaign<'_> {
                 continue;
             }
             let sound = faultless.get(kind.name);
-            // A witness that takes longer without a fault is broken.
+            // A witness that takes much longer than it did without a fault has failed.
             let limit = sound.map_or(PATIENT, |sound| (sound.took * PATIENCE).max(LEAST));
             let case = fault.case.as_ref().map(|case| &*case.name);
             let trial = Trial {
@@ -235,9 +239,9 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Returns `true` if this kind can show nothing more than that it catches the fault, now that
-    /// these witnesses failed: it or two others have shown each of the fault's identifiers, and the
-    /// expected witness of this kind has failed under a fault of each.
+    /// Returns `true` if this kind can show nothing more, once these witnesses have failed, than
+    /// that it catches the fault. Then it or two others have shown each of the fault's identifiers,
+    /// and the expected witness of this kind has failed under a fault of each.
     fn is_settled(
         &self,
         kind: &WitnessKind,
@@ -297,7 +301,7 @@ impl Campaign<'_> {
         index.and_then(|index| self.faults.get(index)).map_or("none", |fault| &fault.name)
     }
 
-    /// Does the same work in as many threads as there are jobs.
+    /// Does the same work in as many threads as `jobs` allows.
     fn at_once(
         &self,
         worker: impl Fn() -> Result<(), FaultsError> + Sync,
@@ -319,7 +323,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Returns the kinds with these names, or all kinds if no name is given.
 ///
 /// # Errors
-/// There is no kind of a name.
+/// Returns an error if there is no kind with one of these names.
 pub fn kinds(names: &[String]) -> Result<Vec<&'static WitnessKind>, String> {
     if names.is_empty() {
         return Ok(KINDS.iter().collect());

@@ -11,9 +11,11 @@ use crate::schemata::VARIABLE;
 use crate::tree::Tree;
 use crate::work::{FaultyCopy, Trial, WitnessRun};
 
-/// A line a case: interface, what is given, what happens, exit code, a part of what is said, arguments after variables.
+/// One case in each line: the interface, the input, what happens, the exit code, a part of the
+/// message, and the arguments after any variables.
 const CASES: &str = "docs/safety/misuse-commands";
-/// The interfaces that are programs, with what each call of them begins with.
+/// The interfaces that are programs, with their programs, and the arguments with which each call
+/// begins.
 pub(crate) const INTERFACES: [(&str, &str, &str); 2] = [
     ("command", "fuseline", ""),
     (
@@ -53,11 +55,11 @@ impl FaultyCopy<'_> {
                 seen.outcomes.insert(format!("{interface}::{}", of_interface.name), holds);
             }
         }
-        // The file that a case should not have overwritten.
+        // A case may have overwritten a file that it should not.
         self.restore("traces/corpus")
     }
 
-    /// Makes a folder of the copy what it is in the project.
+    /// Restores a folder of the copy from the project.
     fn restore(&self, folder: &str) -> Result<(), FaultsError> {
         for name in self.tree.files(&[folder])? {
             let (from, to) = (self.tree.path(&name), self.copy.path(&name));
@@ -73,7 +75,7 @@ impl FaultyCopy<'_> {
 /// Returns the cases of an interface.
 ///
 /// # Errors
-/// The list of cases cannot be read.
+/// Returns an error if the list of cases cannot be read.
 pub(crate) fn of_interface(tree: &Tree, interface: &str) -> Result<Vec<ProgramCase>, FaultsError> {
     let options =
         INTERFACES.iter().find(|(name, _, _)| *name == interface).map_or("", |(_, _, it)| it);
@@ -122,16 +124,17 @@ impl ProgramCase {
         command
     }
 
-    /// Returns `true` if that is how it should end.
+    /// Returns `true` if the program ended as this case should.
     pub(crate) fn happens(&self, code: Option<i32>, printed: &str) -> bool {
         code == Some(self.code) && printed.contains(&self.said)
     }
 }
 
-/// Calls the programs of a folder in each case; returns how many ended as they should, and how many there are.
+/// Calls the programs of a folder in each case. Returns how many ended as they should, and how many
+/// there are.
 ///
 /// # Errors
-/// The cases cannot be read, or a program cannot be started.
+/// Returns an error if the cases cannot be read, or a program cannot be started.
 pub fn try_all(tree: &Tree, programs: &Path) -> Result<(usize, usize), FaultsError> {
     let (mut held, mut all) = (0, 0);
     for (interface, program, _) in INTERFACES {

@@ -57,7 +57,7 @@ const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
     LazyLock::new(|| regex(r"\b([FPATDJE])(\d+)(g?)(?:–([FPATDJE])(\d+))?\b"));
-/// Words that look like an identifier and are none: a graphics processor, number types, percentiles.
+/// Words that look like an identifier but are not: a graphics processor, number types, percentiles.
 const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
 
 /// Returns the identifiers in the order of their definition, each with its title.
@@ -70,7 +70,7 @@ pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, FaultsError>
     Ok(DEFINITION.captures_iter(&spec).filter_map(pair).collect())
 }
 
-/// Returns the identifiers in a text; `F2–F7` stands for all from one to the other.
+/// Returns the identifiers in a text. `F2–F7` stands for all from the first to the last.
 pub(crate) fn identifiers(text: &str) -> BTreeSet<String> {
     let mut ids = BTreeSet::new();
     for found in WORD.captures_iter(text).filter(|found| !OTHER_WORDS.contains(&&found[0])) {
@@ -82,7 +82,8 @@ pub(crate) fn identifiers(text: &str) -> BTreeSet<String> {
     ids
 }
 
-/// Returns the identifiers in a function's name; `p1_to_p9` stands for all from one to the other.
+/// Returns the identifiers in a function's name. `p1_to_p9` stands for all from the first to the
+/// last.
 pub(crate) fn named(name: &str) -> BTreeSet<String> {
     let parts: Vec<&str> = name.split('_').collect();
     let mut ids = BTreeSet::new();
@@ -135,7 +136,7 @@ pub(crate) fn cited(
 pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let mut parts: Vec<&str> = witness.split("::").collect();
     let name = parts.pop().unwrap_or_default();
-    // Programs of two crates may have one name.
+    // Programs of two crates may have the same name.
     for file in files_of_test(tree, &parts) {
         if let Some(function) = function(&tree.text(&file)?, name) {
             let mut cited = named(name);
@@ -190,7 +191,7 @@ fn files_of_test(tree: &Tree, path: &[&str]) -> Vec<String> {
     own.into_iter().flatten().chain(apart).filter(|file| tree.path(file).exists()).collect()
 }
 
-/// A function with what stands directly above it.
+/// Returns a function and the lines directly above it.
 fn function(text: &str, name: &str) -> Option<String> {
     let lines: Vec<&str> = text.lines().collect();
     let head = format!("fn {name}(");

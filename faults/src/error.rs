@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The reason why a run has no result.
+/// The reason a run has no result.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FaultsError {
@@ -15,7 +15,7 @@ pub enum FaultsError {
         /// The error.
         source: io::Error,
     },
-    /// A file does not say what it should.
+    /// The content of a file is wrong.
     #[error("{}: {why}", path.display())]
     Content {
         /// The path of the file.
@@ -41,18 +41,18 @@ pub enum FaultsError {
         /// The output.
         log: PathBuf,
     },
-    /// The user wants it to end.
+    /// The user interrupted the run.
     #[error("interrupted")]
     Interrupted,
 }
 
 impl FaultsError {
-    /// About this file.
+    /// Returns an error about this file.
     pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { path: path.to_owned(), source }
     }
 
-    /// About what this file says.
+    /// Returns an error about the content of this file.
     pub(crate) fn content(path: &Path, why: impl Into<String>) -> Self {
         Self::Content { path: path.to_owned(), why: why.into() }
     }

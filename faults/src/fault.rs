@@ -1,4 +1,4 @@
-//! The seeded faults: what each changes, and where that is.
+//! The seeded faults: their changes, and the places of the changes.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use crate::error::FaultsError;
 use crate::items::{Function, FunctionIndex};
 use crate::tree::{Tree, hex};
 
-/// The files of the faults: of the machine, around it, and of the wheel.
+/// The files of the faults: in the machine, in the code around it, and in the wheel.
 pub(crate) const FILES: [&str; 3] =
     ["faults/machine.toml", "faults/around.toml", "faults/python.toml"];
 
@@ -22,12 +22,12 @@ struct WrittenFault {
     breaks: BTreeSet<String>,
     /// The path of the function that it changes.
     item: Option<String>,
-    /// The file, where what it changes is in no function.
+    /// The file, if the changed text is in no function.
     file: Option<String>,
     /// The text that occurs exactly once there.
     find: String,
     replace: String,
-    /// The reason why it cannot share a build with other faults.
+    /// The reason that it cannot share a build with other faults.
     own_build: Option<String>,
 }
 
@@ -40,7 +40,7 @@ struct FaultsFile {
 /// One fault with its place in the sources.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SeededFault {
-    /// Its name, which says what then happens.
+    /// Its name, which says what happens with the fault.
     pub name: String,
     /// The identifiers of the rules, promises and ambiguities that it violates.
     pub breaks: BTreeSet<String>,
@@ -52,7 +52,7 @@ pub struct SeededFault {
     pub at: Range<usize>,
     /// The replacement.
     pub replace: String,
-    /// The reason why it cannot share a build with other faults.
+    /// The reason that it cannot share a build with other faults.
     pub own_build: Option<String>,
     /// The case of misuse that must fail, if it removes a guard.
     pub case: Option<MisuseCase>,
@@ -70,10 +70,11 @@ pub struct MisuseCase {
     pub name: String,
 }
 
-/// All faults, in their order.
+/// Returns all faults, in their order.
 ///
 /// # Errors
-/// A file cannot be read, a name is there twice, a fault breaks nothing, or its place is not there exactly once.
+/// Returns an error if a file cannot be read, a name occurs twice, a fault breaks nothing, or its
+/// place does not occur exactly once.
 pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     let mut items = FunctionIndex::new(tree)?;
     let mut all = Vec::new();
@@ -160,7 +161,7 @@ impl SeededFault {
     /// Returns the source with this fault.
     ///
     /// # Errors
-    /// The text is not that of the file in which the fault was found.
+    /// Returns an error if the text differs from the file in which the fault was found.
     pub fn seed(&self, source: &str) -> Result<String, FaultsError> {
         if source.get(self.at.clone()) != Some(&*self.find) {
             return Err(error(&self.name, &format!("{} has changed since it was read", self.file)));
@@ -168,7 +169,7 @@ impl SeededFault {
         Ok([&source[..self.at.start], &self.replace, &source[self.at.end..]].concat())
     }
 
-    /// Returns a digest of the change that it makes.
+    /// Returns a digest of the change.
     #[must_use]
     pub fn digest(&self) -> String {
         let item = self.function.as_ref().map_or(&self.file, |function| &function.path);
@@ -180,7 +181,7 @@ impl SeededFault {
         hex(&digest.finalize())
     }
 
-    /// All that it changes, itself first.
+    /// Returns all changes of the fault, with the fault itself first.
     pub fn parts(&self) -> impl Iterator<Item = &Self> {
         std::iter::once(self).chain(&self.also)
     }

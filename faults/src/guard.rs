@@ -1,4 +1,5 @@
-//! Guards against misuse: each is removed once, and the case that it meets must fail then.
+//! Guards against misuse. Each guard is removed once, and the case that it guards against must fail
+//! then.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -8,19 +9,21 @@ use crate::fault::{MisuseCase, SeededFault};
 use crate::items::FunctionIndex;
 use crate::tree::Tree;
 
-/// A line a guard: interface, case, file, what is written, what instead. A case of several lines is without all of them.
+/// One guard in each line: the interface, the case, the file, the text, and its replacement. If a
+/// case has several lines, all its guards are removed at once.
 const GUARDS: &str = "docs/safety/misuse-guards";
 
-/// The place of a guard: the file, and the bytes of the body of its function, if it is in one.
+/// The place of a guard: the file, and the bytes of the body of the function around it, if there is
+/// one.
 type Place = (String, Option<(usize, usize)>);
 
 /// A replacement, in bytes of a file.
 type Edit = (Range<usize>, String);
 
-/// All guards that can be removed, each as a fault that breaks its case.
+/// Returns all guards that can be removed, each as a fault that breaks its case.
 ///
 /// # Errors
-/// A file cannot be read, or a guard is not in its file.
+/// Returns an error if a file cannot be read, or a guard is not in its file.
 pub fn load_guards(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
     let mut items = FunctionIndex::new(tree)?;
     let mut cases: Vec<(MisuseCase, BTreeMap<Place, Vec<Edit>>)> = Vec::new();

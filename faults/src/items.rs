@@ -14,7 +14,8 @@ use crate::tree::Tree;
 /// One function with a body.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Function {
-    /// Its path, such as `fuseline_core::slot::Slot::step`. One of a trait is `module::<Type as Trait>::name`.
+    /// Its path, such as `fuseline_core::slot::Slot::step`. A function of a trait has the path
+    /// `module::<Type as Trait>::name`.
     pub path: String,
     /// The file that it is in, from the root.
     pub file: String,
@@ -33,14 +34,14 @@ impl Function {
         self.path.split("::").next().unwrap_or_default()
     }
 
-    /// Its own name.
+    /// Returns its own name.
     #[must_use]
     pub fn name(&self) -> &str {
         self.path.rsplit("::").next().unwrap_or_default()
     }
 }
 
-/// The crates of the project, each read when it is first asked for.
+/// The crates of the project. Each crate is read when it is first needed.
 pub struct FunctionIndex<'a> {
     tree: &'a Tree,
     folders: BTreeMap<String, CrateFiles>,
@@ -85,10 +86,10 @@ fn manifest(tree: &Tree, folder: &str) -> Result<Manifest, FaultsError> {
 }
 
 impl<'a> FunctionIndex<'a> {
-    /// Reads which crates there are.
+    /// Finds the crates of the project.
     ///
     /// # Errors
-    /// A manifest cannot be read.
+    /// Returns an error if a manifest cannot be read.
     pub fn new(tree: &'a Tree) -> Result<Self, FaultsError> {
         let mut folders = BTreeMap::new();
         let Some(workspace) = manifest(tree, "")?.workspace else {
@@ -107,10 +108,10 @@ impl<'a> FunctionIndex<'a> {
         Ok(Self { tree, folders, read: BTreeMap::new() })
     }
 
-    /// All functions of a crate.
+    /// Returns all functions of a crate.
     ///
     /// # Errors
-    /// There is no such crate, or a file of it cannot be read as Rust.
+    /// Returns an error if there is no such crate, or a file of it cannot be read as Rust.
     pub fn of_crate(&mut self, name: &str) -> Result<&[Function], FaultsError> {
         if !self.read.contains_key(name) {
             let Some(CrateFiles { roots }) = self.folders.get(name) else {
@@ -121,7 +122,7 @@ impl<'a> FunctionIndex<'a> {
                 let folder = root.rsplit_once('/').map_or("", |(folder, _)| folder);
                 found.file(root, folder, name)?;
             }
-            // A module that is declared twice, for two systems, is there once.
+            // A module that is declared for two systems is found twice.
             found.functions.sort_by(|a, b| (&a.file, a.whole.start).cmp(&(&b.file, b.whole.start)));
             found.functions.dedup_by(|a, b| a.file == b.file && a.whole == b.whole);
             self.read.insert(name.to_owned(), found.functions);
@@ -132,7 +133,7 @@ impl<'a> FunctionIndex<'a> {
     /// Returns the innermost function of a file around some bytes, if there is one.
     ///
     /// # Errors
-    /// The file cannot be read as Rust.
+    /// Returns an error if the file cannot be read as Rust.
     pub fn around(
         &mut self,
         file: &str,
@@ -164,7 +165,7 @@ struct Functions<'a> {
 }
 
 impl Functions<'_> {
-    /// The functions of a file, whose modules are in `folder`.
+    /// Adds the functions of a file, whose modules are in `folder`.
     fn file(&mut self, file: &str, folder: &str, path: &str) -> Result<(), FaultsError> {
         let text = self.tree.text(file)?;
         let parsed = syn::parse_file(&text);
@@ -242,7 +243,7 @@ impl Functions<'_> {
         let files = [named, Some(format!("{below}.rs")), Some(format!("{below}/mod.rs"))];
         match files.into_iter().flatten().find(|file| self.tree.path(file).exists()) {
             Some(file) => self.file(&file, below, path),
-            // A module of another system's, or one that a build script makes.
+            // The module is for another system, or a build script creates it.
             None => Ok(()),
         }
     }
@@ -270,7 +271,7 @@ fn type_name(of: &Type) -> String {
     }
 }
 
-/// Tokens without white space.
+/// Returns tokens without white space.
 fn written(tokens: &impl quote::ToTokens) -> String {
     tokens.to_token_stream().to_string().split_whitespace().collect()
 }

@@ -22,9 +22,10 @@ pub struct WitnessKind {
     pub(crate) concerns: fn(&SeededFault) -> bool,
     pub(crate) suite: &'static BuildSuite,
     pub(crate) programs: &'static [Program],
-    /// The number of a program's tests that run at once: more than one if they wait.
+    /// The number of a program's tests that run at once. It is more than one if the tests mostly
+    /// wait.
     pub(crate) threads: &'static str,
-    /// `true` if it ends at the first test that fails, since its tests take long.
+    /// `true` if a run ends at the first test that fails, because the tests take long.
     pub(crate) stops: bool,
     /// Reads what a program printed.
     pub(crate) read: fn(&str, &str) -> Outcomes,
@@ -36,11 +37,11 @@ pub struct WitnessKind {
 #[derive(PartialEq, Eq, Debug)]
 pub(crate) struct BuildSuite {
     pub(crate) name: &'static str,
-    /// Its packages; none for Python.
+    /// The packages, which are empty for Python.
     pub(crate) packages: &'static [&'static str],
-    /// Its tests.
+    /// The arguments that select its tests.
     pub(crate) tests: &'static [&'static str],
-    /// The programs that are built with them, with a test so that all have the same features.
+    /// The programs that are built together with a test, so that all have the same features.
     pub(crate) programs: &'static [&'static str],
     pub(crate) variables: &'static [(&'static str, &'static str)],
 }
@@ -58,19 +59,19 @@ impl WitnessKind {
         self.name.strip_suffix("-misuse")
     }
 
-    /// Returns `true` if its cases run the node among real peers.
+    /// Returns `true` if its cases run the node with real peers.
     pub(crate) fn is_among_peers(&self) -> bool {
         self.interface() == Some("ros2-run")
     }
 
-    /// Returns `true` if a case is chosen by a part of its name, so that others may run with it;
-    /// each is named as it begins or ends.
+    /// Returns `true` if a case is selected by a part of its name, so that others may run with it.
+    /// The output names each case when it begins or ends.
     pub(crate) fn takes_parts_of_names(&self) -> bool {
         self.is_among_peers() || self.suite.packages.is_empty()
     }
 
-    /// Returns `true` if its witnesses could see a fault: the cases of an interface only that a
-    /// guard of theirs is gone.
+    /// Returns `true` if its witnesses could see a fault. The cases of an interface see only the
+    /// faults that remove their guards.
     pub(crate) fn sees(&self, fault: &SeededFault) -> bool {
         match (&fault.case, self.interface()) {
             (Some(case), Some(interface)) => case.interface == interface,

@@ -1,8 +1,9 @@
-//! Seeded faults, who catches each, and what shows each rule and promise.
+//! Seeds faults, and finds which witnesses catch each fault and which show each rule and promise.
 //!
-//! Nothing here trusts a name: a witness counts for an identifier only if it cites it and failed under a seeded fault of it.
-//! One copy of the tree contains all faults, each behind a number that an environment variable selects, so one build serves
-//! all of them. No result is stored.
+//! A witness counts for an identifier only if it cites the identifier and failed under a seeded
+//! fault of it; its name alone proves nothing. One copy of the tree contains all faults, each
+//! behind a number that an environment variable selects, so one build serves all of them. No result
+//! is stored.
 
 mod artifacts;
 mod build;

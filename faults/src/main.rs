@@ -1,4 +1,4 @@
-//! The command: seeds the faults, and prints what shows each promise.
+//! The command that seeds the faults and prints the evidence for each promise.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -112,7 +112,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
     if args.kind.is_empty() && args.names.is_empty() {
         kinds.retain(|kind| args.tier.runs(kind));
     }
-    // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
+    // If the system refuses a handler, Ctrl-C ends the command in the usual way.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
     let begin = Instant::now();
     let campaign = Campaign {
@@ -142,7 +142,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
         begin.elapsed().as_secs_f64(),
         table.single.len()
     );
-    // A user who chose the kinds knows what is missing.
+    // A user who selected some kinds knows that the others are missing.
     let wrong = table.wrong.iter().filter(|_| args.kind.is_empty());
     let count = wrong.inspect(|line| eprintln!("{line}")).count();
     Ok(count == 0 && !findings.faults.is_empty())
@@ -174,7 +174,7 @@ fn chosen(
     Ok(names.into_iter().collect())
 }
 
-/// Returns `true` if everything on which the outcome depends is as it was in this commit.
+/// Returns `true` if everything that the outcome depends on is the same as in this commit.
 fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
     const SOURCES: [&str; 12] = [
         "core",
@@ -236,8 +236,9 @@ fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
     Ok(held == all && all > 0)
 }
 
-/// Waits for other runs in this target folder. If the last one had another copy of the sources, this copy is made from
-/// scratch: cargo compares times, so it would take the programs of the other copy for those of this one.
+/// Waits for other runs in this target folder. If the last run had another copy of the sources,
+/// this run makes its copy from scratch. Cargo compares times, so it would take programs of the
+/// other copy for its own.
 fn lock(target: &Path, copy: &str) -> Result<File, FaultsError> {
     let (path, copied) = (target.join("faults/lock"), target.join(copy));
     let wrong = |source| FaultsError::File { path: path.clone(), source };

@@ -1,8 +1,10 @@
-//! Modified condition/decision coverage: whether the tests show of each condition that it alone changes its decision.
+//! Modified condition/decision coverage. It checks that the tests show, for each condition, that
+//! this condition alone changes its decision.
 //!
-//! The compiler offers it no longer. So a copy of the crate is made in which each condition records its value, and the
-//! tests run on the copy. A condition is covered by two evaluations that differ in it and in the outcome, and in no other
-//! condition that both evaluated (unique cause; what a `&&` or `||` left out differs from nothing).
+//! The compiler no longer offers this. So a copy of the crate is made in which each condition
+//! records its value, and the tests run on the copy. A condition is covered by two evaluations that
+//! differ in it and in the outcome, and in no other condition that both evaluated (unique cause). A
+//! condition that `&&` or `||` skipped differs from nothing.
 
 mod decision;
 mod pair;
@@ -21,7 +23,7 @@ use crate::error::FaultsError;
 use crate::tree::{Tree, write};
 use crate::work::FaultyCopy;
 
-/// The folders of sources whose decisions count, each of a crate.
+/// The folders of the sources whose decisions count, each of one crate.
 const SOURCES: [&str; 2] = ["core/src", "adapters/c/src"];
 const HEAD: &str = "# Conditions of the core
 
@@ -31,12 +33,13 @@ the order of the conditions. [Seeded faults](evidence.md#conditions-of-the-core)
 ";
 /// The recorder in the copy of the crate.
 const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");
-/// Constant functions record as well: the compiler takes another way where it evaluates them itself.
+/// Constant functions record as well. The compiler takes another path if it evaluates them itself.
 const UNSTABLE: &str =
     "#![feature(core_intrinsics, const_eval_select)]\n#![allow(internal_features, unused)]\n";
 /// Conditions that no test can show, each with the reason.
 const EXPLAINED: &str = "faults/mcdc.toml";
-/// The tests that run: the core's own, those of the rules, and those of the C interface.
+/// Selects the tests that run: the core's own, the tests of the rules, and the tests of the C
+/// interface.
 const TESTS: [&str; 12] = [
     "test",
     "--package=fuseline-core",
@@ -77,10 +80,12 @@ struct ExplainedConditions {
 }
 
 impl McdcReport {
-    /// Runs the tests on a copy of the project in cargo's target folder; tests with a name of `without` do not run.
+    /// Runs the tests on a copy of the project in cargo's target folder. Skips tests whose names
+    /// contain a text of `without`.
     ///
     /// # Errors
-    /// The core cannot be read as Rust, the copy does not build, or a test fails.
+    /// Returns an error if the core cannot be read as Rust, the copy does not build, or a test
+    /// fails.
     pub fn take(tree: &Tree, target: &Path, without: &[String]) -> Result<Self, FaultsError> {
         let path = tree.path(EXPLAINED);
         let explained: ExplainedConditions = toml::from_str(&tree.text(EXPLAINED)?)
@@ -103,7 +108,7 @@ impl McdcReport {
         command.args(TESTS).args(["--locked", "--quiet", "--"]);
         command.args(without.iter().flat_map(|name| ["--skip", name]));
         let ended = command
-            // Beside the seeded faults, which need the same dependencies.
+            // This is the folder of the seeded faults, which need the same dependencies.
             .env("CARGO_TARGET_DIR", target.join("faults/build/plain"))
             .env("FUSELINE_MCDC", &recorded)
             .env_remove("PROPTEST_CASES")

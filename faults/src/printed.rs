@@ -8,8 +8,8 @@ use regex::Regex;
 /// The results of a run, by witness.
 pub(crate) type Outcomes = BTreeMap<String, bool>;
 
-/// Lines of the test harness. A test that began and never ended is red. In a program `all_…` a module is a file of tests,
-/// whose name stands for the program's.
+/// Reads the lines of the test harness. A test that began and never ended is red. In a program
+/// `all_…` each module is a file of tests, and its name takes the place of the program's name.
 pub(crate) fn read_tests(program: &str, printed: &str) -> Outcomes {
     static TEST: LazyLock<Regex> =
         LazyLock::new(|| regex(r"(?m)^test (\S+)(?: - should panic)? \.\.\.(?: (ok|ignored))?"));
@@ -24,18 +24,20 @@ pub(crate) fn read_tests(program: &str, printed: &str) -> Outcomes {
     outcomes
 }
 
-/// The same, of traces.
+/// Reads the lines of the test harness about traces.
 pub(crate) fn read_traces(_: &str, printed: &str) -> Outcomes {
     read_tests("all_", printed)
 }
 
-/// Lines of the harnesses, each named when it begins and when it ended.
+/// Reads the lines of the harnesses. A harness is named when it begins, and again when it has
+/// ended.
 pub(crate) fn read_steps(_: &str, printed: &str) -> Outcomes {
     static STEP: LazyLock<Regex> = LazyLock::new(|| regex(r"(?m)harness (\w+) \.\.\.(?: (ok))?"));
     STEP.captures_iter(printed).map(|found| (found[1].to_owned(), found.get(2).is_some())).collect()
 }
 
-/// Lines of pytest, all cases of a test as one. A test that began and never ended is red.
+/// Reads the lines of pytest, with all cases of a test as one. A test that began and never ended is
+/// red.
 pub(crate) fn read_pytest(_: &str, printed: &str) -> Outcomes {
     static CASE: LazyLock<Regex> =
         LazyLock::new(|| regex(r"^tests/(\w+)\.py::(\w+)(?:.* (PASSED|SKIPPED|FAILED|ERROR)\b)?"));
@@ -50,7 +52,7 @@ pub(crate) fn read_pytest(_: &str, printed: &str) -> Outcomes {
     outcomes
 }
 
-/// Lines of the tests with real peers.
+/// Reads the lines of the tests with real peers.
 pub(crate) fn read_peers(_: &str, printed: &str) -> Outcomes {
     static CASE: LazyLock<Regex> =
         LazyLock::new(|| regex(r"(?m)^(passed|failed) +[\d.]+ s  (\w+)"));
@@ -71,7 +73,7 @@ pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     let mut outcomes = Outcomes::new();
     for verdict in verdicts {
         outcomes.extend(verdict.violations.keys().map(|claim| (claim.clone(), false)));
-        // One with too few states breaks no property.
+        // A configuration that has too few states breaks no property.
         if verdict.holds || verdict.violations.is_empty() {
             outcomes.insert(verdict.config, verdict.holds);
         }
@@ -79,7 +81,7 @@ pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
     outcomes
 }
 
-/// Returns the complete lines that report failures. It can be called while the program goes on.
+/// Returns the complete lines that report failures. It also works while the program is running.
 pub(crate) fn failures(printed: &str) -> String {
     let is_failure = |line: &&str| {
         let is_model = line.starts_with('{') && line.contains(r#""holds":false"#);

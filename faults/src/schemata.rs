@@ -8,9 +8,10 @@ use crate::error::FaultsError;
 use crate::fault::SeededFault;
 use crate::items::Function;
 
-/// The variable with the number of the fault; no fault has the number 0.
+/// The variable that selects a fault by its number. No fault has the number 0.
 pub(crate) const VARIABLE: &str = "FUSELINE_FAULT";
-/// The variable with the file that takes the numbers of the faults whose functions are called.
+/// The variable that names the file to which programs append the numbers of the faults whose
+/// functions are called.
 pub(crate) const REACHED: &str = "FUSELINE_REACHED";
 
 /// A function with its faults.
@@ -31,13 +32,13 @@ impl Rewritten {
     }
 }
 
-/// Returns the file with each faulty function's body once for each fault, and once as it is.
+/// Returns the file with each faulty function's body once for each fault, and once unchanged.
 ///
-/// `constants` are the words `const` that are left out: no constant function can read a variable,
-/// and none can call a function that does.
+/// `constants` are the words `const` to remove. A constant function can neither read a variable nor
+/// call a function that does.
 ///
 /// # Errors
-/// A fault is not within the body of a function.
+/// Returns an error if a fault is not within the body of a function.
 pub(crate) fn rewrite(
     text: &str,
     faults: &[(u32, &SeededFault)],
@@ -97,7 +98,7 @@ pub fn can_share(fault: &SeededFault) -> bool {
         })
 }
 
-/// Begins a body. It links std by itself, since some crates do not.
+/// Begins a body. It links std by itself, because some crates do not.
 const SELECT: &str = "{ fn fuseline_fault() -> u32 { extern crate std as with_std; \
     use with_std::{env, fs::OpenOptions, io::Write as _, sync::OnceLock}; \
     static FAULT: OnceLock<u32> = OnceLock::new(); \

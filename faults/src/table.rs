@@ -1,4 +1,4 @@
-//! The table of promises: what shows each, by the run that just ended, and what is missing.
+//! The table of promises: the evidence for each from the run that just ended, and what is missing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -12,23 +12,25 @@ use crate::fault::SeededFault;
 use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
-/// The reason why an identifier may have fewer than two kinds of witness, or fewer than two faults that two kinds catch.
+/// The reasons why identifiers may have fewer than two kinds of witness, or fewer than two faults
+/// that two kinds catch.
 const GAPS: &str = "faults/gaps.toml";
-/// The witnesses that must be there.
+/// The witnesses that must show each identifier.
 const WITNESSES: &str = "faults/witnesses.toml";
-/// The number of kinds of witness that each identifier has, and of its faults that as many kinds catch.
+/// The number of kinds of witness that each identifier needs, and of its faults that this many
+/// kinds catch.
 pub(crate) const ENOUGH: usize = 2;
 
 /// The evidence for the rules and promises, with the mistakes.
 #[derive(Debug, Serialize)]
 pub struct Table {
-    /// A row an identifier, in the order of the specification.
+    /// One row for each identifier, in the order of the specification.
     pub rows: Vec<PromiseRow>,
     /// The faults in their order.
     pub faults: Vec<FaultRow>,
-    /// Identifiers that are shown less than they should be, each with the reason.
+    /// Identifiers that have less evidence than they should, each with the reason.
     pub gaps: BTreeMap<String, String>,
-    /// Faults that one kind alone catches.
+    /// Faults that only one kind catches.
     pub single: Vec<String>,
     /// The mistakes that must be corrected.
     pub wrong: Vec<String>,
@@ -43,13 +45,13 @@ pub struct PromiseRow {
     pub title: String,
     /// The code that meets it, `file:line`.
     pub code: Vec<String>,
-    /// By kind: the witnesses that cite it and failed under a fault of it.
+    /// The witnesses that cite the identifier and failed under a fault of it, by kind.
     pub witnesses: BTreeMap<&'static str, BTreeSet<String>>,
     /// The faults that violate it.
     pub faults: Vec<String>,
-    /// The number of them that two kinds of witness caught.
+    /// The number of these faults that two kinds of witness caught.
     pub caught_twice: usize,
-    /// `true` if all of them ran.
+    /// `true` if all of these faults ran.
     pub is_whole: bool,
 }
 
@@ -60,9 +62,9 @@ pub struct FaultRow {
     pub name: String,
     /// The identifiers that it breaks.
     pub breaks: BTreeSet<String>,
-    /// By kind: the witnesses that failed. Empty if it did not run.
+    /// The witnesses that failed, by kind. Empty if the fault did not run.
     pub caught_by: BTreeMap<&'static str, BTreeSet<String>>,
-    /// The kinds whose time was up.
+    /// The kinds that ran out of time.
     pub out_of_time: BTreeSet<&'static str>,
     /// The reason why it had a build of its own, if it had one.
     pub own_build: Option<String>,
@@ -75,7 +77,7 @@ struct GapsFile {
     gap: Vec<GapReason>,
 }
 
-/// A fact about the code, never about how old a result is.
+/// The reason for a gap. It states a fact about the code, and never the age of a result.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct GapReason {
@@ -84,10 +86,11 @@ struct GapReason {
 }
 
 impl Table {
-    /// Builds it from what a campaign found; of none there is what the sources say.
+    /// Builds the table from the findings of a campaign. Without findings, it has only what the
+    /// sources say.
     ///
     /// # Errors
-    /// A file cannot be read. What is missing is in [`wrong`](Self::wrong).
+    /// Returns an error if a file cannot be read. What is missing goes to [`wrong`](Self::wrong).
     pub fn build(
         tree: &Tree,
         faults: &[SeededFault],
@@ -120,7 +123,7 @@ impl Table {
         wrong.extend(
             ran().filter(|it| it.kinds() == 0).map(|it| format!("nothing catches {}", it.name)),
         );
-        // A guard has one case, and so one kind.
+        // A guard has one case, so only one kind can catch its removal.
         let single = ran().filter(|it| it.kinds() == 1 && !it.breaks.is_empty());
         let single = single.map(|it| it.name.clone()).collect();
         let gaps = gaps(tree, &rows, &mut wrong)?;
@@ -128,7 +131,7 @@ impl Table {
         Ok(Self { rows, faults: fault_rows, gaps, single, wrong })
     }
 
-    /// Returns the table for people at a terminal.
+    /// Returns the table as text for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -209,7 +212,7 @@ impl Table {
     /// Returns the table as JSON.
     ///
     /// # Panics
-    /// Never: all of it is text.
+    /// Never: the table contains only text and numbers.
     #[must_use]
     pub fn json(&self) -> String {
         serde_json::to_string_pretty(self).expect("it is text") + "\n"
@@ -235,7 +238,7 @@ impl FaultRow {
         }
     }
 
-    /// Returns the number of kinds that caught it.
+    /// Returns the number of kinds that caught the fault.
     fn kinds(&self) -> usize {
         self.caught_by.values().filter(|by| !by.is_empty()).count()
     }
@@ -251,7 +254,7 @@ fn few(witnesses: &BTreeSet<String>) -> String {
     }
 }
 
-/// By identifier and kind: the witnesses that cite it and failed under a fault of it.
+/// The witnesses that cite an identifier and failed under a fault of it, by identifier and kind.
 type Shown = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
 
 fn shown(
@@ -299,7 +302,7 @@ fn gaps(
         reasons.extend(ids.into_iter().map(|id| (id, because.clone())));
     }
     let mut gaps = BTreeMap::new();
-    // An ambiguity is a reading of a rule and needs nothing of its own.
+    // An ambiguity is a reading of a rule, so it needs no evidence of its own.
     for row in rows.iter().filter(|row| !row.id.starts_with('A')) {
         let (twice, kinds) = (row.caught_twice, row.witnesses.len());
         let is_short = row.is_whole && (twice < ENOUGH || kinds < ENOUGH);
@@ -320,19 +323,20 @@ fn gaps(
     Ok(gaps)
 }
 
-/// By identifier and kind, the witness that must show it.
+/// The witness that must show an identifier, by identifier and kind.
 pub type ExpectedWitnesses = BTreeMap<String, BTreeMap<String, String>>;
 
-/// Returns the witnesses that must be there.
+/// Returns the witnesses that must show each identifier.
 ///
 /// # Errors
-/// The file cannot be read.
+/// Returns an error if the file cannot be read.
 pub fn expected(tree: &Tree) -> Result<ExpectedWitnesses, FaultsError> {
     let parsed = toml::from_str(&tree.text(WITNESSES)?);
     parsed.map_err(|error| FaultsError::content(&tree.path(WITNESSES), error.to_string()))
 }
 
-/// Returns the witnesses that should show an identifier and did not, where all of its faults ran.
+/// Returns the witnesses that should have shown an identifier but did not. It looks only at
+/// identifiers whose faults all ran.
 fn missing(tree: &Tree, rows: &[PromiseRow]) -> Result<Vec<String>, FaultsError> {
     let mut expected = expected(tree)?;
     let mut missing = Vec::new();

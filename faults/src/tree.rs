@@ -37,16 +37,16 @@ impl Tree {
     /// Reads a text file that is named from the root.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// Returns an error if the file cannot be read.
     pub fn text(&self, name: &str) -> Result<String, FaultsError> {
         let path = self.path(name);
         fs::read_to_string(&path).map_err(FaultsError::file(&path))
     }
 
-    /// All files at or below these names, by their names from the root.
+    /// Returns all files at or below these names, by their names from the root.
     ///
     /// # Errors
-    /// One of the folders cannot be read, or a name is not there.
+    /// Returns an error if a folder cannot be read or a name does not exist.
     pub fn files(&self, names: &[&str]) -> Result<Vec<String>, FaultsError> {
         let mut files = Vec::new();
         for name in names {
@@ -59,11 +59,10 @@ impl Tree {
     /// Returns a digest of all files at or below these names. A name after a `!` excludes the files
     /// whose names begin with it.
     ///
-    /// In Rust files, lines of comments and empty lines are left out: rewording them changes no
-    /// result.
+    /// In Rust files, comment lines and empty lines do not count, because they change no result.
     ///
     /// # Errors
-    /// As for [`files`](Self::files).
+    /// Returns the same errors as [`files`](Self::files).
     pub fn digest(&self, names: &[&str]) -> Result<String, FaultsError> {
         let (without, with): (Vec<&str>, Vec<&str>) =
             names.iter().partition(|name| name.starts_with('!'));
@@ -83,12 +82,13 @@ impl Tree {
         Ok(hex(&digest.finalize()))
     }
 
-    /// Makes `copy` hold what git would keep of this tree, with the texts of `changed` instead of its own, and nothing else.
+    /// Makes `copy` contain the files that git would keep of this tree, and nothing else. `changed`
+    /// has texts that replace the tree's own.
     ///
-    /// A file that is the same already is left alone, so that nothing is built again for it.
+    /// A file that is already the same stays untouched, so that it is not built again.
     ///
     /// # Errors
-    /// git cannot list the files, or one cannot be copied.
+    /// Returns an error if git cannot list the files, or a file cannot be copied.
     pub fn copy_to(
         &self,
         copy: &Self,
@@ -131,7 +131,7 @@ impl Tree {
         }
         let mut files = BTreeMap::new();
         for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
-            // A file that was removed and not yet committed is listed all the same.
+            // Git also lists a file that was removed and not yet committed.
             if let Ok(content) = fs::read(self.path(name)) {
                 files.insert(name.to_owned(), content);
             }
@@ -158,7 +158,7 @@ impl Tree {
 /// Writes a file, with the folders above it.
 ///
 /// # Errors
-/// It cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write(path: &Path, text: &str) -> Result<(), FaultsError> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
@@ -166,7 +166,7 @@ pub fn write(path: &Path, text: &str) -> Result<(), FaultsError> {
     fs::write(path, text).map_err(FaultsError::file(path))
 }
 
-/// Bytes in hexadecimal.
+/// Formats bytes in hexadecimal.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
@@ -176,7 +176,7 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Returns a Rust file without its lines of comments and its empty lines.
+/// Returns a Rust file without its comment lines and its empty lines.
 fn code(content: &[u8]) -> Vec<u8> {
     let says_something = |line: &&[u8]| {
         let line = line.trim_ascii();

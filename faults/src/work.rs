@@ -22,51 +22,53 @@ use crate::tree::Tree;
 
 /// The exit code of a program that a signal ended.
 const KILLED: i32 = -1;
-/// A running program is looked at this often.
+/// The time between two looks at a running program.
 const GLANCE: Duration = Duration::from_millis(10);
-/// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
+/// A faulty machine may allocate without end. No sound witness needs 4 GiB.
 const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 
-/// The copy, with its own folder of built things.
+/// The copy, with a target folder of its own.
 pub(crate) struct FaultyCopy<'a> {
     /// The project itself.
     pub(crate) tree: &'a Tree,
     pub(crate) copy: Tree,
     pub(crate) target: PathBuf,
-    /// The interpreter that has the wheel, as `.ci/python` installs it.
+    /// The interpreter with the wheel, as `.ci/python` installs it.
     pub(crate) python: PathBuf,
-    /// The interpreter that has the packages of the peers, as `.ci/ros2` installs them.
+    /// The interpreter with the packages of the peers, as `.ci/ros2` installs them.
     pub(crate) peers: PathBuf,
     pub(crate) stop: &'a AtomicBool,
 }
 
-/// The programs of a suite, by package and target, each with the folder in which it runs.
+/// The programs of a suite by package and target, each with the folder in which it runs.
 pub(crate) type Programs = BTreeMap<(String, String), (PathBuf, PathBuf)>;
 
 /// The result of a build.
 pub(crate) enum Built {
     Programs(Programs),
-    /// It does not compile at these places, each a file with a byte.
+    /// The sources do not compile at these places, each a file and a byte.
     Refused(Vec<(String, usize)>, String),
 }
 
 /// One run of the witnesses of a kind.
 #[derive(Clone, Copy)]
 pub(crate) struct Trial<'a> {
-    /// The number of the fault, and its name; the number is 0 for none.
+    /// The number and the name of the fault. The number is 0 without a fault.
     pub(crate) fault: (u32, &'a str),
-    /// The only case of misuse that runs, if it is not all of them.
+    /// The only case of misuse that runs, or `None` for all cases.
     pub(crate) case: Option<&'a str>,
     pub(crate) limit: Duration,
-    /// `true` if it ends at the first witness that fails.
+    /// `true` if the run ends at the first witness that fails.
     pub(crate) stops: bool,
-    /// Returns `true` if it may end once these witnesses failed, since the others can show nothing more.
+    /// Returns `true` if the run may end once these witnesses have failed, because the others can
+    /// show nothing more.
     pub(crate) is_enough: &'a dyn Fn(&BTreeSet<String>) -> bool,
-    /// The faults that each program came to without a fault. A program that never came to this one is left out.
+    /// The faults that each program reached without a fault. A program that never reached this
+    /// fault does not run.
     pub(crate) reached: Option<&'a ReachedFaults>,
 }
 
-/// By target of a program: the numbers of the faults whose functions it called.
+/// The numbers of the faults whose functions a program called, by the program's target.
 pub(crate) type ReachedFaults = BTreeMap<&'static str, BTreeSet<u32>>;
 
 /// The results of a kind's witnesses.
@@ -75,12 +77,13 @@ pub(crate) struct WitnessRun {
     pub(crate) outcomes: Outcomes,
     pub(crate) is_out_of_time: bool,
     pub(crate) took: Duration,
-    /// The faults that each program came to, if it ran without a fault.
+    /// The faults that each program reached, if it ran without a fault.
     pub(crate) reached: ReachedFaults,
 }
 
 impl Trial<'_> {
-    /// Returns `true` if it may end once these witnesses failed. A case of misuse runs to its end.
+    /// Returns `true` if the run may end once these witnesses have failed. A case of misuse runs to
+    /// its end.
     fn ends(&self, red: &BTreeSet<String>) -> bool {
         self.case.is_none() && !red.is_empty() && (self.stops || (self.is_enough)(red))
     }
@@ -93,10 +96,10 @@ impl WitnessRun {
 }
 
 impl FaultyCopy<'_> {
-    /// Builds what a suite needs of the copy as it is.
+    /// Builds the programs of a suite from the copy.
     ///
     /// # Errors
-    /// cargo cannot be run, or fails for another reason than the sources.
+    /// Returns an error if cargo cannot be run, or fails for a reason other than the sources.
     pub(crate) fn build(&self, suite: &BuildSuite) -> Result<Built, FaultsError> {
         if suite.packages.is_empty() {
             return self.build_wheel();
@@ -123,7 +126,8 @@ impl FaultyCopy<'_> {
         targets: &[&str],
     ) -> Result<Built, FaultsError> {
         let mut command = Self::cargo(self.copy.root());
-        // Other flags of the compiler build everything again.
+        // Other flags of the compiler would build everything again, so they get a folder of their
+        // own.
         let is_apart = suite.variables.iter().any(|(name, _)| *name == "RUSTFLAGS");
         let target = self.target.join(if is_apart { suite.name } else { "plain" });
         command
@@ -159,7 +163,7 @@ impl FaultyCopy<'_> {
         Ok(Built::Refused(places, said))
     }
 
-    /// Builds the compiled part of the wheel, and puts it where the copy's package looks for it.
+    /// Builds the compiled part of the wheel, and puts it where the copy's package expects it.
     fn build_wheel(&self) -> Result<Built, FaultsError> {
         let folder = self.copy.path("adapters/python");
         if !self.python.exists() {
@@ -187,7 +191,7 @@ impl FaultyCopy<'_> {
         Ok(Built::Programs([(program, (self.python.clone(), folder))].into()))
     }
 
-    /// Begins a call of cargo for a copy.
+    /// Begins a cargo command for a copy.
     pub(crate) fn cargo(folder: &Path) -> Command {
         let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         command
@@ -195,17 +199,19 @@ impl FaultyCopy<'_> {
             .stdin(Stdio::null())
             .env("CARGO_NET_OFFLINE", "true")
             .env("CARGO_TERM_COLOR", "never")
-            // What MC/DC records with needs it. Each call has it, since dependencies are built again when it changes.
+            // The recorder of MC/DC needs unstable features. Every command sets this, because cargo
+            // rebuilds dependencies when it changes.
             .env("RUSTC_BOOTSTRAP", "fuseline_core,fuseline_c")
             .env_remove("RUSTFLAGS")
             .env_remove("RUSTC_WORKSPACE_WRAPPER");
         command
     }
 
-    /// Runs the witnesses of a kind under the fault of a number, or under none.
+    /// Runs the witnesses of a kind under the fault with this number, or under none.
     ///
     /// # Errors
-    /// A program is not there or cannot be started, none ran, or the run was interrupted.
+    /// Returns an error if a program does not exist or cannot be started, no witness ran, or the
+    /// run was interrupted.
     pub(crate) fn run(
         &self,
         kind: &'static WitnessKind,
@@ -254,7 +260,7 @@ impl FaultyCopy<'_> {
             };
             let (printed, ended) = self.print(&mut command, left, &ends, &log)?;
             let mut outcomes = (kind.read)(program.target, &printed);
-            // `-k` of pytest takes each test whose name contains the case's, and so do the peers.
+            // Pytest's `-k` and the peers select each test whose name contains the case's.
             let case = trial.case.filter(|_| kind.takes_parts_of_names());
             if let Some(case) = case {
                 outcomes.retain(|name, _| {
@@ -266,8 +272,9 @@ impl FaultyCopy<'_> {
             if ended.is_none() {
                 seen.is_out_of_time = true;
             }
-            // One that was killed or ran out of memory names no test, where several run at once. A case is named even so; if it is
-            // not, there is no such case, and that shows nothing.
+            // If several tests run at once, the output of a program that was killed or ran out of
+            // memory does not name the test. It names a case even then. If it does not, there is no
+            // such case, and that shows nothing.
             if (case.is_none() || ended.is_none())
                 && ended != Some(0)
                 && outcomes.values().all(|held| *held)
@@ -290,7 +297,7 @@ impl FaultyCopy<'_> {
         if is_empty { Err(wrong("no witness ran")) } else { Ok(seen) }
     }
 
-    /// Returns the command that runs the cases of a node among real peers: all of them, or one.
+    /// Returns the command that runs one case, or all cases, of a node with real peers.
     fn among_peers(
         &self,
         programs: &Programs,
@@ -326,7 +333,7 @@ impl FaultyCopy<'_> {
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]).arg(path).current_dir(folder);
         if kind.suite.packages.is_empty() {
-            // Without the documentation's examples, which the project's own options add.
+            // Leaves out the documentation's examples, which the project's own options add.
             command
                 .args([
                     "-m",
@@ -348,12 +355,12 @@ impl FaultyCopy<'_> {
             command.args(if is_python { python } else { rust });
         }
         command
-            // Where the first that fails is enough, no model goes on.
+            // If the first failure is enough, a model does not continue after it.
             .args(program.arguments.iter().filter(|it| !(trial.stops && **it == "--keep-going")))
             .env(VARIABLE, trial.fault.0.to_string())
             .env("CARGO_MANIFEST_DIR", folder)
             .env("RUST_BACKTRACE", "0")
-            // Where one at a time runs, the last one named is the one that hangs.
+            // If one test runs at a time, the last test that is named is the one that hangs.
             .env("RUST_TEST_THREADS", kind.threads)
             .env("PROPTEST_MAX_SHRINK_ITERS", "300")
             .env_remove("PROPTEST_CASES")
@@ -361,8 +368,8 @@ impl FaultyCopy<'_> {
         command
     }
 
-    /// Returns a program's output and its exit code, or `None` if its time was up. The program is
-    /// ended once `ends` accepts the failures that it printed; then only these are returned.
+    /// Returns a program's output and its exit code, or `None` if it ran out of time. If `ends`
+    /// accepts the failures printed so far, ends the program and returns only these failures.
     pub(crate) fn print(
         &self,
         command: &mut Command,
@@ -386,7 +393,7 @@ impl FaultyCopy<'_> {
             let has_failed = so_far.len() > failed.len() && ends(&so_far);
             failed = so_far;
             if is_stopped || has_failed || begin.elapsed() > limit {
-                // It may have ended just now.
+                // The child may have ended in the meantime.
                 let _ = kill_process_group(Pid::from_child(&child), Signal::KILL);
                 child.wait().map_err(FaultsError::file(&own))?;
                 if is_stopped {
@@ -402,7 +409,7 @@ impl FaultyCopy<'_> {
         let before = fs::read_to_string(log).unwrap_or_default();
         fs::write(log, before + &printed).map_err(FaultsError::file(log))?;
         fs::remove_file(&own).map_err(FaultsError::file(&own))?;
-        // A test that was running did not fail.
+        // A test that was still running has not failed.
         Ok((if is_cut { failed } else { printed }, ended))
     }
 

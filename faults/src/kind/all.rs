@@ -1,4 +1,4 @@
-//! All kinds. A new one is one entry here.
+//! All kinds. A new kind needs only an entry here.
 
 use std::collections::BTreeSet;
 
@@ -280,7 +280,7 @@ pub const KINDS: &[WitnessKind] = &[
             program(
                 "fuseline",
                 "all_cli",
-                // They take long, and show nothing under a fault that shorter ones do not.
+                // They take long, and they catch no fault that shorter tests do not catch.
                 &["--skip=drive::"],
             ),
         ],
@@ -382,7 +382,7 @@ fn is_of_machine(fault: &SeededFault) -> bool {
     starts_with(fault, &["core/src/", ARBITER])
 }
 
-/// Returns `true` if a fault is in what drives the machine.
+/// Returns `true` if a fault is in the code that drives the machine.
 fn is_of_operators(fault: &SeededFault) -> bool {
     starts_with(fault, &["adapters/engine/", "adapters/tokio/"]) && !is_of_machine(fault)
 }
@@ -392,13 +392,14 @@ fn is_of_judges(fault: &SeededFault) -> bool {
     starts_with(fault, &["traces/src/"])
 }
 
-/// Returns `true` if a fault is of core, judges or threads, which run at each landing.
+/// Returns `true` if a fault is in the core, the judges or the threads, whose faults run at each
+/// landing.
 pub(crate) fn runs_at_landing(fault: &SeededFault) -> bool {
     let is_of_both = is_of_machine(fault) || is_of_judges(fault);
     fault.case.is_none() && (is_of_both || fault.file.starts_with(THREADS))
 }
 
-/// Returns `true` if a kind needs nothing but the builds of core, judges and threads.
+/// Returns `true` if a kind needs only the builds of core, judges and threads.
 pub(crate) fn builds_at_landing(kind: &WitnessKind) -> bool {
     [&MACHINE, &LOOM].contains(&kind.suite)
 }

@@ -2,7 +2,7 @@
 
 use super::BuildSuite;
 
-/// The core with all that tells about it in one build.
+/// The core, with all tests about it, in one build.
 pub(super) const MACHINE: BuildSuite = BuildSuite {
     name: "machine",
     packages: &[
@@ -93,6 +93,6 @@ pub(super) const CALLED: BuildSuite = BuildSuite {
 pub(super) const PYTHON: BuildSuite =
     BuildSuite { name: "python", packages: &[], tests: &[], programs: &[], variables: &[] };
 
-/// For large crates with short tests, most of whose run is the build.
+/// Large crates with short tests use these, because most of their run is the build.
 pub(super) const QUICK: &[(&str, &str)] =
     &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];

@@ -1,4 +1,4 @@
-//! Decisions of a file of Rust, and the file with calls that record them.
+//! Finds the decisions of a Rust file, and adds calls to the file that record them.
 
 use std::ops::Range;
 use std::path::Path;
@@ -20,7 +20,7 @@ pub struct SourceDecision {
     pub line: usize,
     /// Its text, in one line.
     pub text: String,
-    /// The conditions: what is left of it without `&&`, `||`, `!` and parentheses.
+    /// The conditions: the parts that remain without `&&`, `||`, `!` and parentheses.
     pub conditions: Vec<String>,
 }
 
@@ -51,7 +51,7 @@ impl Instrumenter<'_> {
     fn decide(&mut self, whole: &Expr) {
         let mut conditions = Vec::new();
         leaves(whole, &mut conditions);
-        // A pattern is no condition.
+        // Patterns do not count as conditions.
         if conditions.iter().any(|it| matches!(it, Expr::Let(_))) {
             return visit::visit_expr(self, whole);
         }
@@ -81,7 +81,7 @@ impl Instrumenter<'_> {
 
     /// Returns the text with all insertions.
     fn rewritten(mut self) -> String {
-        // Stable: what was put in first at a place stands first there.
+        // The sort is stable, so insertions at the same place keep their order.
         self.insertions.sort_by_key(|(at, _)| *at);
         let (mut rewritten, mut done) = (String::new(), 0);
         for (at, inserted) in &self.insertions {
@@ -123,7 +123,7 @@ impl<'ast> Visit<'ast> for Instrumenter<'_> {
         self.visit_expr(&arm.body);
     }
 
-    // The compiler itself shows what it evaluates.
+    // The compiler itself evaluates this, so no test can.
     fn visit_expr_const(&mut self, _: &'ast ExprConst) {}
 
     fn visit_item_mod(&mut self, item: &'ast ItemMod) {
@@ -138,7 +138,7 @@ const fn is_tree(expression: &Expr) -> bool {
     matches!(expression, Expr::Binary(binary) if matches!(binary.op, BinOp::And(_) | BinOp::Or(_)))
 }
 
-/// The conditions of a decision, from left to right.
+/// Collects the conditions of a decision, from left to right.
 fn leaves<'a>(expression: &'a Expr, into: &mut Vec<&'a Expr>) {
     match expression {
         Expr::Binary(binary) if is_tree(expression) => {

@@ -1,4 +1,5 @@
-//! Evaluations of a decision, and pairs of them that show a condition to change it alone.
+//! Evaluations of a decision, and the pairs of evaluations which show that a condition changes it
+//! alone.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -7,7 +8,7 @@ use std::fmt;
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub struct Evaluation {
     outcome: bool,
-    /// None of those that were not evaluated.
+    /// The values of the conditions. A condition that was not evaluated is `None`.
     conditions: Vec<Option<bool>>,
     test: String,
 }
