@@ -1,5 +1,5 @@
-//! Judges a simulated run by its trace beside a model of the queues, by its counts, and by named
-//! checks.
+//! Judges a simulated run by named checks: by its counts, and by its trace beside a model of the
+//! queues.
 //!
 //! The simulator of operators in [`simulate`](crate::simulate) and the simulator of ROS 2 nodes in `adapters/ros2` share it.
 
@@ -9,12 +9,12 @@ pub mod replay;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Something that must hold for every run. `H` is a function from the facts about the run.
+/// A condition that must hold for every run. `H` is the type of the function that checks it.
 #[derive(Clone, Copy)]
 pub struct Check<H> {
     /// The check's name, which begins with the promise of SPEC.md that it is about.
     pub name: &'static str,
-    /// Returns the reason as an error if it does not hold.
+    /// Returns an error with the reason if the condition does not hold.
     pub holds: H,
 }
 
@@ -31,7 +31,7 @@ pub struct Finding {
 #[derive(Default)]
 pub struct BrokenChecks(BTreeMap<&'static str, (u64, String)>);
 
-/// Returns the checks that do not hold. `run` asks one of them.
+/// Returns the checks that do not hold. `run` calls one of them.
 pub fn findings<H>(checks: &[Check<H>], run: impl Fn(&H) -> Result<(), String>) -> Vec<Finding> {
     let found = |check: &Check<H>| {
         let reason = run(&check.holds).err()?;
@@ -40,23 +40,23 @@ pub fn findings<H>(checks: &[Check<H>], run: impl Fn(&H) -> Result<(), String>) 
     checks.iter().filter_map(found).collect()
 }
 
-/// Returns the reason as an error unless `holds` is `true`.
+/// Returns an error with the reason if `holds` is `false`.
 ///
 /// # Errors
-/// Returns the reason.
+/// Returns the reason if `holds` is `false`.
 pub fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(reason()) }
 }
 
 impl BrokenChecks {
-    /// Adds what was found in the run of a seed.
+    /// Adds the findings from the run of a seed.
     pub fn add(&mut self, seed: u64, findings: Vec<Finding>) {
         for Finding { check, reason } in findings {
             self.0.entry(check).or_insert((seed, reason));
         }
     }
 
-    /// Adds what was found in other runs.
+    /// Adds the findings from other runs.
     pub fn extend(&mut self, other: Self) {
         for (check, broken) in other.0 {
             self.0.entry(check).or_insert(broken);
@@ -72,7 +72,7 @@ impl BrokenChecks {
     /// Passes if no seed broke the check.
     ///
     /// # Panics
-    /// Panics with the seed and the reason if one did, and if there is no such check.
+    /// Panics with the seed and the reason if a seed broke it, and if there is no such check.
     pub fn holds<H>(&self, checks: &[Check<H>], check: &str) {
         assert!(checks.iter().any(|known| known.name == check), "there is no check {check}");
         if let Some((seed, reason)) = self.0.get(check) {

@@ -1,6 +1,6 @@
-//! Tests of the system as it ships, each behind a feature of its name:
+//! Tests of the shipped system. Each part is behind a feature of its name:
 //!
-//! - [`parsers`]: every parser of what comes from outside, over any bytes.
+//! - [`parsers`]: every parser of outside input, over any bytes.
 //! - [`judge`]: how a simulated run is judged; the tests of the ROS 2 node use it too.
 //! - [`simulate`]: the shipped operator in virtual time, among hostile sources, readers and disks.
 //! - `chaos`, a binary: shipped operators with real clouds while the network and the clouds break.
@@ -16,7 +16,7 @@ pub mod parsers;
 #[cfg(feature = "simulate")]
 pub mod simulate;
 
-// The command's sources, by the names that they call each other.
+// The command's sources, under the names by which they call each other.
 #[cfg(feature = "parsers")]
 #[path = "../../../cli/src/deadline.rs"]
 mod deadline;

@@ -1,8 +1,8 @@
 //! The checks of every parser of outside input, as functions over any bytes. The fuzz targets of
 //! `fuzz/parsers` are loops around them, and plain tests replay the seeds.
 //!
-//! A library's parser is called in the library. The command is not a library, so its sources are compiled
-//! into this crate by path, and nothing in it is public only for these checks.
+//! A library's parser is called in its library. The command is not a library, so this crate
+//! compiles its sources by path. Nothing in them is public only for these checks.
 
 mod csv;
 mod frames;
@@ -14,8 +14,8 @@ mod yaml;
 
 use std::collections::BTreeSet;
 
-/// The greatest memory at once, in bytes, for any input of a few kilobytes: twice the longest message of
-/// gRPC, which is allocated when its length is read, and room for the caller.
+/// The greatest memory at one time, in bytes, for any input of a few kilobytes. It is twice the
+/// longest gRPC message, which is allocated when its length is read, with some room for the caller.
 pub const MEMORY: usize = 128 << 20;
 
 /// A description of what is wrong.
@@ -26,7 +26,7 @@ type ParserResult = Result<(), String>;
 pub struct Parser {
     /// The name of its fuzz target, and of the folder of its seeds.
     pub name: &'static str,
-    /// Reads bytes, notes how that ended, and returns what is wrong.
+    /// Reads bytes, records how the reading ended, and returns what is wrong.
     pub check: fn(&[u8], &mut Ends) -> Result<(), String>,
     /// Every way in which reading can end. The seeds reach each of them.
     pub ends: &'static [&'static str],
@@ -48,10 +48,10 @@ pub const FRAMES: Parser = Parser { name: "frames", check: frames::check, ends: 
 /// The data of a report's page.
 pub const PAGE: Parser = Parser { name: "page", check: page::check, ends: page::ENDS };
 
-/// All parsers, except the trace's own reader, which `fuseline-tests` has.
+/// All parsers, except the trace's own reader, which `fuseline-tests` checks.
 pub const ALL: [Parser; 6] = [CSV, PACKED, YAML, KEYS, FRAMES, PAGE];
 
-/// Checks that a message about a file is one line that no terminal takes for a command.
+/// Checks that a message about a file is one line without control characters.
 fn fit(message: &str) -> ParserResult {
     if message.contains(char::is_control) {
         return Err(format!("not fit for a terminal: {message:?}"));

@@ -1,4 +1,4 @@
-//! The part of the command's probe that reads its recordings.
+//! The part of the command's probe that reads recordings.
 
 #[path = "../../../cli/src/probe/pace.rs"]
 pub(crate) mod pace;

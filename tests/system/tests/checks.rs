@@ -1,5 +1,5 @@
-//! Runs each check on the same seeds, and on the saved ones. Each check has a test, so that each can be a
-//! witness.
+//! Runs each check on the same seeds, and on the saved seeds. Each check has a test of its own, so
+//! that it can be a witness.
 
 use std::sync::LazyLock;
 use std::thread;
@@ -7,7 +7,8 @@ use std::thread;
 use fuseline_system_tests::judge::BrokenChecks;
 use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
 
-/// This many seeds from 0 on show everything that ever caught a seeded fault, in a few seconds.
+/// Every check that ever caught a seeded fault catches it within this many seeds from 0 on, in a
+/// few seconds.
 const SEEDS: u64 = 300;
 
 static BROKEN: LazyLock<BrokenChecks> = LazyLock::new(|| {
@@ -36,13 +37,13 @@ fn holds(check: &str) {
     BROKEN.holds(CHECKS, check);
 }
 
-/// Each message leads to one item, as and when the trace says (D1).
+/// Each message leads to one item, with the content and at the instant that the trace states (D1).
 #[test]
 fn d1_one_item() {
     holds("d1_one_item");
 }
 
-/// An item or a hint has the value that its source made of its message (D2).
+/// An item or a hint has the value that its source computed from its message (D2).
 #[test]
 fn d2_its_own_value() {
     holds("d2_its_own_value");
@@ -67,19 +68,19 @@ fn d5_time_left() {
     holds("d5_time_left");
 }
 
-/// A call ends when it is cancelled or due, no sooner, and local never does (D6).
+/// A call ends when it is cancelled or due, not sooner. Local is never ended (D6).
 #[test]
 fn d6_aborted() {
     holds("d6_aborted");
 }
 
-/// An error or a panic fails its own call, and ends nothing else (D7).
+/// An error or a panic fails its own call, and nothing else ends (D7).
 #[test]
 fn d7_failures() {
     holds("d7_failures");
 }
 
-/// Nothing panics except what the scenario lets panic (D7).
+/// Nothing panics, except where the scenario asks for it (D7).
 #[test]
 fn d7_no_panic_comes_through() {
     holds("d7_no_panic_comes_through");
@@ -115,7 +116,7 @@ fn d11_one_account() {
     holds("d11_one_account");
 }
 
-/// A policy is told how and when each call ended (T5).
+/// A policy learns how and when each call ended (T5).
 #[test]
 fn t5_every_end_is_reported() {
     holds("t5_every_end_is_reported");

@@ -1,5 +1,5 @@
-//! Replays the seeds of the fuzz targets of every parser, so that every `cargo test` checks what was found
-//! once.
+//! Replays the seeds of the fuzz targets of every parser, so that every `cargo test` checks earlier
+//! findings.
 
 use std::alloc::System;
 use std::fs;

@@ -1,4 +1,5 @@
-//! A seed is its run: played again, it is the same to the byte. A run that fails becomes small.
+//! A seed determines its run: played again, it is the same to the byte. A failing run becomes
+//! small.
 
 use std::time::Duration;
 
@@ -25,7 +26,7 @@ fn a_seed_played_twice_is_the_same_to_the_byte() {
     assert!(bytes > 1_000_000, "{bytes} bytes are nothing to compare");
 }
 
-/// Every kind of trouble occurs within a few hundred seeds; otherwise the drawing has dried up.
+/// Every kind of trouble occurs within a few hundred seeds. Otherwise the drawing has dried up.
 #[test]
 fn every_kind_of_trouble_is_drawn() {
     let all: Vec<Scenario> = (0..400).map(Scenario::draw).collect();
@@ -89,9 +90,9 @@ fn every_kind_of_trouble_is_drawn() {
     }
 }
 
-/// A local computation that never ends, without a deadline, keeps the operator running without end (A9). It
-/// is the only scenario that no seed draws and that must be found, so it shows that findings are found and
-/// become small.
+/// A local computation that never ends and has no deadline keeps the operator running without end
+/// (A9). No seed draws this scenario, and the simulator must find it. So this test shows that
+/// findings are found and become small.
 #[test]
 fn what_never_ends_is_found_and_becomes_one_message() {
     let simulator = Simulator::new().unwrap();

@@ -1,6 +1,8 @@
-//! `fuseline-simulate`: plays the seeds that ever failed, then fresh ones for a while, or one seed again.
+//! `fuseline-simulate`: plays the seeds that ever failed, then fresh seeds for a while, or plays
+//! one seed again.
 //!
-//! It prints what does not hold, with the seed. The library's `simulate` plays and checks.
+//! It prints what does not hold, with the seed. The library's `simulate` plays the runs and checks
+//! them.
 
 use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;
@@ -74,7 +76,7 @@ struct Sum {
     took: f64,
     /// The messages per second of real time.
     rate: f64,
-    /// The first fresh seed, and the one after the last.
+    /// The first fresh seed, and the seed after the last one.
     seeds: Option<(u64, u64)>,
     failed: Option<Failed>,
     #[serde(skip)]
@@ -89,11 +91,11 @@ struct Failed {
     smallest: String,
 }
 
-/// A graph of several operators follows this many runs of one operator.
+/// A graph of several operators is played after this many runs of one operator.
 const RUNS_BEFORE_GRAPH: u64 = 64;
-/// A server, which takes as long as several hundred runs, follows this many runs.
+/// A server takes as long as several hundred runs, so it is played after this many runs.
 const RUNS_BEFORE_SERVER: u64 = 1024;
-/// A run that takes longer hangs: none takes more than a second.
+/// A run that takes longer than this hangs: none takes more than a second.
 const HANGS: Duration = Duration::from_secs(120);
 
 #[global_allocator]
@@ -107,7 +109,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(help) if !help.use_stderr() => {
-            // If this fails, nobody reads the help any more.
+            // If this fails, nobody reads the help.
             let _ = help.print();
             return ExitCode::SUCCESS;
         }
@@ -228,7 +230,7 @@ fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result
     Ok(run)
 }
 
-/// A kind of run that is drawn besides the runs of one operator.
+/// A kind of run that is drawn in addition to the runs of one operator.
 #[derive(Clone, Copy)]
 enum Drawn {
     Graph,

@@ -7,7 +7,8 @@ use fuseline_engine::{Reasons, SourceTally, Tally};
 use super::ensure;
 use super::replay::{AdmittedRequest, Departure, Replay};
 
-/// Checks that a tally has the counts that its trace implies (D11). `sent` are the bytes that were sent to a source.
+/// Checks that a tally has the counts that its trace implies (D11). `sent` returns the number of
+/// bytes that were sent to a source.
 ///
 /// # Errors
 /// Returns both counts if they differ.

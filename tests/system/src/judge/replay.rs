@@ -1,4 +1,5 @@
-//! Reads the operator's trace beside a model of its queues, to know what each message and request should get.
+//! Reads the operator's trace beside a model of its queues, to find what each message and request
+//! should get.
 //!
 //! The model shares no code with the engine, so that the two can differ.
 
@@ -45,7 +46,7 @@ pub struct Replay {
     pub offers: Vec<DecidedOffer>,
     /// Descriptions of backlogs that differ from the queue's length.
     pub wrong_backlogs: Vec<String>,
-    /// Descriptions of local computations that failed for lack of room, or did not, by mistake.
+    /// Descriptions of local computations that should have failed for lack of room, but did not.
     pub wrong_room: Vec<String>,
     /// The results and failures that were dropped.
     pub dropped: Vec<DroppedResult>,
@@ -69,7 +70,7 @@ pub struct OpenedMessage {
     pub failures: Vec<u16>,
 }
 
-/// An item as the trace has it.
+/// An item, as the trace shows it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct DecidedItem {
     /// The index of its message in `opened`.
@@ -120,7 +121,7 @@ pub struct AdmittedRequest {
     pub at: u64,
     /// The due instant.
     pub due: Option<u64>,
-    /// The instant when the source had room for it.
+    /// The instant when the source had room for the request.
     pub started: Option<u64>,
     /// The instant when its timer fired.
     pub fired: Option<u64>,
@@ -160,7 +161,7 @@ struct ReplayReader<'a> {
     replay: Replay,
     queues: Vec<ReplayQueue>,
     now: u64,
-    /// The timestamp whose local computation must fail now, unless it finds room.
+    /// The timestamp whose local computation must fail next, unless there is room for it.
     crowded: Option<u64>,
 }
 
@@ -227,7 +228,7 @@ impl Replay {
 }
 
 impl AdmittedRequest {
-    /// Returns when it was no longer wanted, if it was closed before it ended.
+    /// Returns when the request was closed, if that was before it ended.
     #[must_use]
     pub fn closed(&self) -> Option<u64> {
         self.fired.into_iter().chain(self.cancelled).min()
@@ -271,7 +272,8 @@ impl ReplayReader<'_> {
         self.start();
     }
 
-    /// Opens a message and gives it to local. A computation beyond the bound fails next (F1).
+    /// Opens a message and gives it to local. If local has no room for it, a computation must fail
+    /// next (F1).
     fn open(&mut self, input: &Input, own: &[Decision]) {
         let Input::Open { at, t, deadline } = *input else { return };
         let replay = &mut self.replay;
@@ -285,7 +287,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// Checks that local fails if its queue is beyond its bound, and only then.
+    /// Checks that the oldest computation fails if too many wait for local.
     fn crowds(&mut self, input: &Input) {
         let Some(t) = self.crowded else { return };
         if matches!(input, Input::Offer { t: of, .. } if *of == t) {
@@ -294,7 +296,7 @@ impl ReplayReader<'_> {
         self.crowded = None;
         let waiting = self.queues[0].waiting.len();
         let bound = self.config.waiting;
-        // The oldest is discarded (D17).
+        // The oldest computation is discarded (D17).
         let oldest = self.queues[0].waiting.front().map(|index| self.replay.requested[*index].t);
         let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if Some(*of) == oldest);
         if waiting > bound && !fails {
@@ -318,14 +320,14 @@ impl ReplayReader<'_> {
         });
     }
 
-    /// Notes what was decided about the offer that is the input.
+    /// Records the decision on the offer in the input.
     fn offer(&mut self, input: &Input, refusal: Option<OfferRefusal>) {
         if let Input::Offer { t, p, deadline, .. } = *input {
             self.replay.offers.push(DecidedOffer { t, p: short(p), deadline, refusal });
         }
     }
 
-    /// Notes the source's own result or failure.
+    /// Records the result or failure of the source's own call.
     fn end(&mut self, t: u64, p: u64, is_result: bool) {
         if let Some(queue) = self.queue(p)
             && let Some(requested) = self.take(queue, t)
@@ -338,12 +340,13 @@ impl ReplayReader<'_> {
             .rev()
             .find(|requested| u64::from(requested.p) == p && requested.t == t)
         {
-            // It came although it had been closed: it lingered, or came with its timer.
+            // It came although the request was closed: it lingered, or came together with its
+            // timer.
             requested.ended.get_or_insert((self.now, is_result));
         }
     }
 
-    /// Notes a decision. `own` are the decisions about the input itself, if this is one of them.
+    /// Records a decision. `own` has the decisions about the input itself, if this is one of them.
     fn decide(&mut self, decision: &Decision, trigger: Trigger, input: &Input, own: &[Decision]) {
         match *decision {
             Decision::Timer { at, t, p } => {
@@ -377,7 +380,7 @@ impl ReplayReader<'_> {
                 };
                 self.leave(at, t, departure);
             }
-            // It has already been sent as the last one.
+            // The output was already sent as the last one.
             Decision::Final { .. } if own.iter().any(|it| matches!(it, Decision::Emit { .. })) => {}
             Decision::Final { at, t, p } => self.leave(at, t, Departure::Final(short(p))),
             Decision::Miss { at, t } => self.leave(at, t, Departure::Missed),
@@ -410,7 +413,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// Sends requests that wait while there is room, the first one first.
+    /// Starts waiting requests, in their order, while there is room.
     fn start(&mut self) {
         for queue in &mut self.queues {
             while queue.flying.len() < queue.at_once
@@ -422,7 +425,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// Removes a request from its queue, or from the calls under way.
+    /// Removes a request from the calls under way, or from its queue.
     fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
         let requested = &self.replay.requested;
         let ReplayQueue { waiting, flying, .. } = &mut self.queues[queue];
@@ -446,7 +449,7 @@ impl ReplayReader<'_> {
     }
 }
 
-/// Converts a priority; those of the engine's requests fit.
+/// Converts a priority. The priorities of the engine's requests fit.
 fn short(p: u64) -> u16 {
     u16::try_from(p).unwrap_or(u16::MAX)
 }

@@ -33,7 +33,8 @@ pub(super) const ENDS: &[&str] = &[
 /// The longest time that a message takes through a network that is available.
 const LONGEST: Duration = Duration::from_secs(86_400);
 
-/// The first byte selects the command's reader, and the others are a file.
+/// Checks one of the readers of the command. The first byte selects the reader, and the others are
+/// a file.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let Some((which, file)) = bytes.split_first() else { return Ok(()) };
     let held = match which % 4 {
@@ -45,7 +46,8 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     held.map_err(|error| error.to_string())?
 }
 
-/// Checks that the rows are those of a plain reader, and that each is at a later line than the one before.
+/// Checks that the rows equal those of a plain reader, and that each row is at a later line than
+/// the row before it.
 fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let mut options = ReaderBuilder::new();
     options.trim(Trim::All);
@@ -78,7 +80,7 @@ fn no_events(error: &TableError, ends: &mut Ends) -> ParserResult {
     fit(&error.to_string())
 }
 
-/// Checks that a drive starts again when it is over, and that a message that comes back does so within a lap
+/// Checks that a drive starts again when it is over. A message that comes back does so within a lap
 /// and a day.
 fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
     let drive = match Drive::load(&path.display().to_string()) {

@@ -1,5 +1,5 @@
-//! Tests the contents of gRPC frames: requests as the server reads them, replies as the operator
-//! does.
+//! The contents of gRPC frames: requests as the server reads them, and replies as the operator
+//! reads them.
 
 use std::convert::Infallible;
 use std::fmt::Debug;
@@ -25,12 +25,13 @@ const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 /// The number of bytes before a message in a frame: a flag, and the length in 4 bytes.
 const PREFIX: usize = 5;
 
-/// A byte for the call, one for where the bytes are cut in two, and those bytes.
+/// Checks a call. The first byte selects the call, the second one is where the other bytes are cut
+/// in two.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [selector, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
-    // Seeds keep their call: a third one was served once.
+    // Seeds must keep their call, and there was once a third call.
     if selector % 3 == 1 { describe(rest, *cut, ends) } else { infer(rest, *cut, ends) }
 }
 
@@ -45,7 +46,7 @@ fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
     Ok(())
 }
 
-/// A server that gives back what it gets: it answers one whole frame, and no half.
+/// Checks that a server that echoes requests answers one whole frame, and nothing else.
 fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     let (code, replied) = call_server(INFER, body, cut)?;
     let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
@@ -60,7 +61,8 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
             }
             ends.insert("answered");
         }
-        // More than one message is an error where it is not a whole one.
+        // More bytes follow the message. The server may answer or refuse, depending on whether they
+        // are a whole message.
         Some((Some(_), _)) => {}
         Some((None, _)) | None => {
             if code == Code::Ok {
@@ -72,7 +74,7 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     Ok(())
 }
 
-/// The description of what is served is sent for one whole message.
+/// Checks that the description of the server is sent for one whole message.
 fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     let (code, replied) = call_server(DESCRIBE, body, cut)?;
     if code == Code::Ok {
@@ -89,7 +91,7 @@ fn served() -> Description {
     Description { model: "echo".to_owned(), runtime_ms: Some(0.5), ..Description::default() }
 }
 
-/// Gives back what it gets.
+/// Returns the payload of each request.
 struct Echo;
 
 impl Infer for Echo {
@@ -125,7 +127,7 @@ fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String
     Ok((Code::from_bytes(reported.as_bytes()), collected.to_bytes()))
 }
 
-/// The message of a first frame that is whole and plain, and what follows.
+/// Returns the message of a first frame that is whole and not compressed, and the bytes after it.
 fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
     let ([0, len @ ..], rest) = body.split_first_chunk::<PREFIX>()? else { return None };
     rest.split_at_checked(usize::try_from(u32::from_be_bytes(*len)).ok()?)

@@ -1,4 +1,4 @@
-//! Bytes as a file in memory, for code that reads a file by its path.
+//! Presents bytes as a file in memory, for code that reads a file by its path.
 
 use std::fs::File;
 use std::io;
@@ -10,7 +10,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 /// The folder for files in memory.
 const MEMORY: &str = "/dev/shm";
 
-/// The only file of this program. It has no name in any folder, and ends with the program.
+/// The only file of this program. It has no name in any folder, and disappears with the program.
 static HELD: LazyLock<Mutex<File>> = LazyLock::new(|| {
     let file = tempfile::tempfile_in(MEMORY).or_else(|_| tempfile::tempfile());
     Mutex::new(file.expect("a temporary file"))

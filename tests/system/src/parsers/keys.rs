@@ -9,10 +9,11 @@ use crate::parsers::{Ends, ParserResult};
 pub(super) const ENDS: &[&str] =
     &["no message", "too short", "no stamp", "header", "uint32", "int32", "uint64", "int64"];
 
-/// A place that one byte cannot hold.
+/// This value of the byte for the place announces a place in the next four bytes.
 const FAR: u8 = u8::MAX;
 
-/// The first byte is the key's kind, then come its place and a serialized message.
+/// Checks the key of a message. The first byte is the key's kind, then come its place and a
+/// serialized message.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [kind, near, rest @ ..] = bytes else { return Ok(()) };
     let (offset, message) = match rest.split_first_chunk::<4>() {

@@ -10,7 +10,7 @@ use crate::parsers::{Ends, ParserResult, fit};
 pub(super) const ENDS: &[&str] =
     &["plain", "gzip", "zstd", "mcap", "cut short", "cannot be unpacked", "no trace"];
 
-/// The number of lines that are checked. A file may unpack to any size.
+/// The number of lines that are checked, because a file may unpack to any size.
 const LINES: u64 = 2_000;
 
 /// Checks any bytes as a file.

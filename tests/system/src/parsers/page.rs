@@ -1,4 +1,4 @@
-//! The page of a report. Its data come from a trace, and must stay data.
+//! The page of a report. Its data come from a trace, and must remain data.
 
 use std::collections::BTreeSet;
 use std::io::BufReader;
@@ -29,7 +29,7 @@ static AROUND: LazyLock<(Vec<u8>, Vec<u8>)> = LazyLock::new(|| {
     (page[..begin].to_vec(), page[begin + len..].to_vec())
 });
 
-/// The first line is the file's name, and the trace follows.
+/// Checks a page. The first line is the file's name, and the trace follows.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let end = bytes.iter().position(|byte| *byte == b'\n').unwrap_or(bytes.len());
     let name = String::from_utf8_lossy(&bytes[..end]);
@@ -47,14 +47,14 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
     let header = reader.header().clone();
     let (mut page, mut count) = (PageWriter::default(), 0);
     let mut sheet = page.begin(mode, name, &header);
-    // The trace is read until it is invalid, as if it were cut off there.
+    // The trace is read up to its first mistake, as if it ended there.
     while let Ok(Some(event)) = reader.next_event()
         && count < EVENTS
     {
         if let Err(error) = sheet.event(reader.line(), event) {
             ends.insert("in disorder");
             let message = error.to_string();
-            // A file's name is shown unchanged.
+            // A file's name is shown unchanged, even if it has control characters.
             return fit(message.strip_prefix(name).unwrap_or(&message));
         }
         count += 1;
@@ -73,13 +73,13 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
     whole(&reported, count)
 }
 
-/// Returns the one trace in a page's data. Nothing in the data ends their element.
+/// Returns the only trace in a page's data. Nothing in the data may end their element.
 fn embedded(html: &[u8]) -> Result<Value, String> {
     let (before, after) = &*AROUND;
     let data = html.strip_prefix(&before[..]).and_then(|page| page.strip_suffix(&after[..]));
     let data = data.ok_or("what stands around the data is changed by them")?;
-    // Whatever ends the element for a browser's parser, or begins a comment in it, starts with this
-    // character.
+    // This character begins everything that ends the element for a browser's parser, or begins a
+    // comment in it.
     if data.contains(&b'<') {
         return Err(format!("data that end their element: {}", data.escape_ascii()));
     }

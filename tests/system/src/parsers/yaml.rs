@@ -95,7 +95,7 @@ fn refused(error: &ParameterError, len: usize) -> ParserResult {
     fit(&error.to_string())
 }
 
-/// Checks that an origin is in the file or just behind it.
+/// Checks that an origin is in the file or directly behind its end.
 fn placed(origin: &ValueOrigin, len: usize) -> ParserResult {
     match origin {
         ValueOrigin::File(_, line, column)

@@ -1,4 +1,4 @@
-//! The certificates of a run: one CA, good ones, and one that has expired.
+//! The certificates of a run: a CA, good certificates, and an expired one.
 
 use fuseline_tokio::Error;
 use fuseline_tokio::grpc::Identity;
@@ -19,7 +19,7 @@ impl Ca {
         Ok(Self { certificate, issuer: Issuer::new(params, key) })
     }
 
-    /// Signs a certificate that is good until the year begins.
+    /// Signs a certificate that is good until the beginning of a year.
     pub(crate) fn sign(&self, name: &str, year: i32) -> Result<Identity, Error> {
         let key = KeyPair::generate()?;
         let mut params = CertificateParams::new([name.to_owned()])?;

@@ -1,4 +1,4 @@
-//! The checks of a soak, from what was seen outside of the operators.
+//! The checks of a soak, which look at the operators only from outside.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,14 +11,14 @@ use crate::fleet::{LateItem, OperatorOutcome, outputs};
 use crate::gauges::{Lateness, ResourceUsage};
 use crate::span::TimeSpan;
 
-/// A line below the header and no other line.
+/// Draws a line below the header and no other line.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The number of findings that are shown for each check.
 const SHOWN: usize = 3;
 
-/// A run, as it was seen from outside of the operators.
+/// A run, as it was seen from outside the operators.
 #[derive(Default)]
 pub(crate) struct ObservedRun {
     pub(crate) disruptions: BTreeMap<&'static str, TimeSpan>,
@@ -28,7 +28,7 @@ pub(crate) struct ObservedRun {
     pub(crate) unanswered: Vec<String>,
     /// The resources that the process used in each calm period.
     pub(crate) usage: Vec<ResourceUsage>,
-    /// The resources that it used before and after there were operators.
+    /// The resources that the process used before the operators began and after they ended.
     pub(crate) before_and_after: (ResourceUsage, ResourceUsage),
 }
 
@@ -120,7 +120,7 @@ fn reasons(tally: &Tally) -> Vec<String> {
 }
 
 impl ObservedRun {
-    /// Disruptions without their effect: the run shows nothing then.
+    /// Returns the disruptions that had no effect, because then the run shows nothing.
     fn ineffective_disruptions(&self) -> Vec<String> {
         let mut problems = Vec::new();
         for harm in Disruption::ALL {
@@ -129,7 +129,7 @@ impl ObservedRun {
                 problems.push(format!("{name}: there was none"));
                 continue;
             };
-            // When nothing is disrupted, a third of the outputs are a cloud's.
+            // Without a disruption, a third of the outputs come from a cloud.
             if harm.silences() && span.of_disrupted > span.outputs / 20 {
                 problems.push(format!("{name}: the cloud answers, {span:?}"));
             }
@@ -143,7 +143,7 @@ impl ObservedRun {
         problems
     }
 
-    /// Returns what grew from the first calm to the last.
+    /// Returns the resources that grew from the first calm period to the last.
     fn leaks(&self) -> Vec<String> {
         let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else {
             return vec!["nothing was measured".to_owned()];
@@ -153,7 +153,7 @@ impl ObservedRun {
             problems.extend((last > first + by).then(|| format!("{name}: {first}, then {last}")));
         };
         grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
-        // A note about a tenth of a second takes 100 bytes.
+        // A record about a tenth of a second takes 100 bytes.
         grew("KiB allocated", first.live_kib, last.live_kib, 2048);
         grew("open files", first.files, last.files, 10);
         grew("tasks", first.tasks, last.tasks, 100);

@@ -31,8 +31,8 @@ pub(crate) struct Args {
     name: String,
 }
 
-/// Replies with what came and its own number; each line of standard input is a delay in
-/// milliseconds to add from now on.
+/// Replies with the payload of the request and the cloud's own number. Each line of standard input
+/// is a delay in milliseconds to add from now on.
 pub(crate) async fn cloud(args: Args) -> Result<(), Error> {
     let read = |name: String| std::fs::read(args.folder.join(name));
     let identity = Identity {
@@ -42,7 +42,7 @@ pub(crate) async fn cloud(args: Args) -> Result<(), Error> {
     let server = Server {
         identity: Some(identity),
         client_ca: Some(read("ca.pem".to_owned())?),
-        // All operators are on one host here.
+        // All operators run on one host here.
         bounds: Bounds { connections_each: 1024, ..Bounds::default() },
         ..Server::default()
     };

@@ -50,7 +50,7 @@ impl Disruption {
         Self::ClockAhead,
     ];
 
-    /// Returns `true` if no result of the cloud can come in time meanwhile.
+    /// Returns `true` if no result of the cloud can come in time during the disruption.
     pub(crate) const fn silences(self) -> bool {
         matches!(
             self,
@@ -79,7 +79,7 @@ impl Disruption {
         matches!(self, Self::Slow | Self::ClockBack | Self::ClockAhead)
     }
 
-    /// Returns its name, here and in the record.
+    /// Returns its name, which the record uses too.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Kill => "kill",
@@ -128,7 +128,8 @@ pub(crate) fn schedule(seed: u64, clouds: usize) -> impl Iterator<Item = Schedul
             rng.shuffle(&mut round);
         }
         let harm = round.pop()?;
-        // 5 s of silence and 2 s for the answer to a ping: this is longer than both together.
+        // Silence for 5 s and 2 s for the answer to a ping detect a dead connection. This lasts
+        // longer than both together.
         let ms = if harm == Disruption::BlackHole { 8_000..10_000 } else { 1_000..3_000 };
         let lasts = Duration::from_millis(rng.u64(ms));
         let calm = Duration::from_millis(rng.u64(300..1_500));

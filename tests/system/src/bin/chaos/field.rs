@@ -1,4 +1,5 @@
-//! The clouds' processes and the network between, in namespaces of this run's own. [`Testbed`] breaks and mends them.
+//! The clouds' processes and the network between them, in namespaces of this run's own. [`Testbed`]
+//! breaks and repairs them.
 
 use std::fs;
 use std::io::Write;
@@ -23,7 +24,8 @@ const YEARS: (i32, i32) = (4000, 2020);
 pub(crate) struct Testbed {
     folder: PathBuf,
     clouds: Vec<Child>,
-    /// The file with the seconds by which the wall clock is off, for the library that `.ci/chaos` preloads.
+    /// The file with the seconds by which the wall clock is off. The library that `.ci/chaos`
+    /// preloads reads it.
     clock: PathBuf,
     ca: Ca,
 }
@@ -32,7 +34,8 @@ impl Testbed {
     /// Starts this many clouds.
     ///
     /// # Errors
-    /// Returns an error if this is not a separate namespace or something that is needed is missing.
+    /// Returns an error if this is not a separate namespace, or something that is needed is
+    /// missing.
     pub(crate) fn new(folder: &Path, clouds: usize) -> Result<Self, Error> {
         let clock = std::env::var_os("CLOCK_OFFSET").ok_or("it is started by .ci/chaos")?;
         for rule in [
@@ -58,7 +61,7 @@ impl Testbed {
         Ok(field)
     }
 
-    /// Returns how an operator reaches a cloud.
+    /// Returns the address and the credentials with which an operator reaches a cloud.
     pub(crate) fn remote(&self, cloud: usize) -> Result<Remote, Error> {
         Ok(Remote {
             ca: Some(self.ca.certificate.clone()),
@@ -71,7 +74,7 @@ impl Testbed {
         self.clouds.len()
     }
 
-    /// Begins a disruption; [`repair`](Self::repair) ends it.
+    /// Begins a disruption, which [`repair`](Self::repair) ends.
     pub(crate) fn disruption(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
         let (cloud, port) = (disruption.cloud, port(disruption.cloud));
         match disruption.harm {
@@ -155,7 +158,7 @@ impl Testbed {
         far.then_some(()).ok_or_else(|| "the wall clock did not step".into())
     }
 
-    /// Adds a delay to a cloud. A cloud that is gone reads nothing.
+    /// Adds a delay to a cloud. A cloud that is dead reads nothing.
     fn report(&mut self, cloud: usize, delay_ms: &str) {
         if let Some(stdin) = &mut self.clouds[cloud].stdin {
             let _ = writeln!(stdin, "{delay_ms}");
@@ -172,7 +175,7 @@ impl Drop for Testbed {
     }
 }
 
-/// Makes the names of all clouds resolvable, except one.
+/// Makes the names of all clouds resolvable, except that of `but`.
 fn resolve(clouds: usize, but: Option<usize>) -> Result<(), Error> {
     let known = (0..clouds).filter(|cloud| Some(*cloud) != but);
     let lines: Vec<String> = known.map(|cloud| format!("127.0.0.1 {}\n", host(cloud))).collect();

@@ -1,4 +1,5 @@
-//! Operators side by side, each with a camera, a trace, and a reader that checks the items as they come.
+//! Operators side by side. Each has a camera, a trace, and a reader that checks the items as they
+//! come.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -54,10 +55,10 @@ struct OperatorUnderTest {
 /// The observations of a reader.
 #[derive(Default)]
 pub(crate) struct ReaderLog {
-    /// The number of messages with their own value, by its source.
+    /// The number of messages that have the right value, by the source of the value.
     pub(crate) answers: BTreeMap<String, u64>,
-    /// The number of items that are missed, refused, another message's or duplicate, and descriptions of the
-    /// first ones.
+    /// The number of wrong items and descriptions of the first ones. An item is wrong if it is
+    /// missed, refused, a duplicate, or of another message.
     pub(crate) wrong: (u64, Vec<String>),
     pub(crate) longest: Duration,
 }
@@ -74,7 +75,8 @@ pub(crate) struct OperatorOutcome {
 }
 
 impl Fleet {
-    /// Starts operators, each with a number of messages and a rate. Their traces are in this folder.
+    /// Starts operators that each get a number of messages at a rate. Their traces go to this
+    /// folder.
     pub(crate) fn launch(
         field: &Testbed,
         operators: u32,
@@ -132,7 +134,7 @@ impl Fleet {
         self.vessels.iter().map(|subject| subject.running.tally()).collect()
     }
 
-    /// Returns each operator's clouds that made no output since then.
+    /// Returns the clouds of each operator that had no output since then.
     pub(crate) fn unanswered(&self, since: &[Tally]) -> Vec<String> {
         let mut unanswered = Vec::new();
         for ((subject, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
@@ -146,8 +148,8 @@ impl Fleet {
         unanswered
     }
 
-    /// Waits for all operators to end, and judges the traces. If an operator does not end, its place has what
-    /// it left behind.
+    /// Waits for all operators to end, and judges the traces. If an operator does not end, its
+    /// place has a description of what it left behind.
     pub(crate) async fn land(mut self) -> Result<Vec<Result<OperatorOutcome, String>>, Error> {
         for subject in &mut self.vessels {
             (&mut subject.camera).await?;
@@ -195,7 +197,7 @@ pub(crate) fn outputs(tally: &Tally, name: &str) -> u64 {
     source.map_or(0, fuseline_tokio::SourceTally::forwarded)
 }
 
-/// Writes messages at a pace. A message that finds no room is written with the next turn.
+/// Writes messages at a pace. A message that finds no room is written in the next turn.
 async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: Duration) {
     sleep(offset).await;
     let mut turns = interval(every);

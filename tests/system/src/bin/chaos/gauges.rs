@@ -1,5 +1,5 @@
-//! Measures the memory of the process, and how late the host's timers and processors are, which checks must
-//! allow for.
+//! Measures the memory of the process, and how late the host's timers and processors are. Checks
+//! must allow for this lateness.
 
 use std::alloc::System;
 use std::collections::BTreeMap;
@@ -17,7 +17,8 @@ static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 /// The resources of the process at one moment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ResourceUsage {
-    /// The memory that the system holds for the process, including freed memory that was not given back.
+    /// The memory that the system holds for the process, including memory that was freed but not
+    /// returned.
     pub(crate) resident_kib: u64,
     /// The memory that is allocated and not freed.
     pub(crate) live_kib: u64,
@@ -72,7 +73,7 @@ impl Overruns {
         Arc::new(Self { start: Instant::now(), greatest: Mutex::default() })
     }
 
-    /// Notes that something ends now with this delay.
+    /// Records that something ends now with this delay.
     pub(crate) fn note(&self, by: Duration) {
         let at = Instant::now();
         let mut greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
@@ -114,8 +115,8 @@ struct HostStall {
     thread: Duration,
 }
 
-/// Delays that are no operator's fault: of a timer in the same runtime, and of threads, as Linux reports
-/// them.
+/// Delays for which no operator is to blame: the lateness of a timer in the same runtime, and the
+/// waits of threads, as Linux reports them.
 pub(crate) struct Lateness {
     start: Instant,
     tenths: Mutex<Vec<HostStall>>,
@@ -174,8 +175,8 @@ impl Lateness {
     }
 }
 
-/// Returns how long each thread has been ready without a processor since it began; empty if Linux does not
-/// count it.
+/// Returns how long each thread has been ready without a processor since it began. The map is empty
+/// if Linux does not count this.
 fn waits() -> BTreeMap<std::ffi::OsString, Duration> {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let waits = threads.filter_map(|thread| {

@@ -1,7 +1,8 @@
-//! Runs shipped operators with real clouds over real sockets, while the network and the clouds are disrupted.
+//! Runs shipped operators with real clouds over real sockets, while the network and the clouds are
+//! being disrupted.
 //!
-//! The chapter `docs/book/src/verified/chaos.md` says what is done and what is checked. This crate is not
-//! published.
+//! The chapter `docs/book/src/verified/chaos.md` describes what it does and what it checks. This
+//! crate is not published.
 
 mod certificates;
 mod checks;

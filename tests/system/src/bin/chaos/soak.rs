@@ -20,15 +20,15 @@ use crate::summary::Summary;
 /// The number of clouds. Each operator has two of them.
 const CLOUDS: usize = 3;
 
-/// After this much calm nothing is left of earlier disruptions, including pings and reconnecting.
+/// After this much calm, nothing remains of earlier disruptions, including pings and reconnecting.
 const SETTLES: Duration = Duration::from_secs(4);
 
-/// The time for which a calm period is observed, and its limit until each operator has had results of each of
-/// its clouds again. A busy host gives some of them no time for seconds.
+/// How long a calm period is observed, and how long it may take until each operator has results
+/// from each of its clouds again. A busy host starves some of them for seconds.
 const LOOK: Duration = Duration::from_secs(3);
 const LONGEST_LOOK: Duration = Duration::from_secs(60);
 
-/// After this much of a disruption, everything from before it has ended.
+/// This long after a disruption begins, everything from before it has ended.
 const BITES: Duration = Duration::from_millis(500);
 
 #[derive(clap::Args)]
@@ -83,8 +83,8 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     Ok(checks.iter().all(ChaosCheck::holds))
 }
 
-/// Runs rounds of every disruption, each followed by a calm period, as long as there is time, and then a calm
-/// period.
+/// Runs rounds of every disruption while there is time. Observes a calm period after each round and
+/// at the end.
 async fn run(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -109,7 +109,7 @@ async fn run(
     Ok(observed)
 }
 
-/// Disrupts something, observes it and ends the disruption.
+/// Disrupts something, observes the effect, and ends the disruption.
 async fn observe_disruption(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -129,7 +129,7 @@ async fn observe_disruption(
     Ok(())
 }
 
-/// Observes a calm period, in which each operator has results of each of its clouds.
+/// Observes a calm period, in which each operator must have results from each of its clouds.
 async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());
@@ -161,7 +161,7 @@ async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
     }
 }
 
-/// Returns the longest output of any operator.
+/// Returns the longest time to an output, over all operators.
 fn longest_output_us(fates: &[Result<OperatorOutcome, String>]) -> u64 {
     let longest = fates.iter().flatten().map(|outcome| outcome.log.longest.as_micros()).max();
     u64::try_from(longest.unwrap_or_default()).unwrap_or(u64::MAX)

@@ -40,7 +40,8 @@ impl ChaosTotals {
         done
     }
 
-    /// Returns the counts since then. `cloud` is the disrupted one, or `None` for all.
+    /// Returns the counts since `before`. `cloud` is the disrupted cloud, or `None` if all were
+    /// disrupted.
     pub(crate) fn since(&self, before: &Self, cloud: Option<usize>, took: Duration) -> TimeSpan {
         let by = |name: &str| {
             let of = |done: &Self| done.outputs.get(name).copied().unwrap_or(0);

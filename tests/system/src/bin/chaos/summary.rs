@@ -15,7 +15,7 @@ pub(crate) struct Summary {
     pub(crate) disruptions: u64,
     pub(crate) longest_output_us: u64,
     pub(crate) greatest_timer_lateness_us: u64,
-    /// The medians in the calm period after each round of disruptions, and in the last one.
+    /// The medians in the calm period after each round of disruptions, and in the last calm period.
     pub(crate) taken: Vec<ResourceUsage>,
 }
 

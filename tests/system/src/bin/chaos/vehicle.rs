@@ -16,8 +16,8 @@ pub(crate) const DEADLINE: Duration = Duration::from_millis(100);
 /// The time that local takes.
 const LOCAL: Duration = Duration::from_millis(5);
 
-/// Every fourth message is only for the lower cloud, so that both clouds have outputs when nothing is
-/// disrupted.
+/// Every message of this number goes only to the lower cloud, so that both clouds have outputs when
+/// nothing is disrupted.
 const LOWER_ALONE: u64 = 4;
 
 /// The origin of a result.
@@ -29,7 +29,7 @@ pub(crate) struct ResultOrigin {
     pub(crate) cloud: Option<usize>,
 }
 
-/// An operator's number, its clouds, and where it reports calls.
+/// An operator's number, its clouds, and the record of calls that outlived their deadlines.
 pub(crate) struct ChaosVehicle {
     pub(crate) number: u64,
     /// The number and the connection of each cloud, with the lower one first.
@@ -91,7 +91,7 @@ impl Operator for ChaosVehicle {
     }
 }
 
-/// The life of a call, which must end by its deadline.
+/// Checks that a call ends by its deadline.
 struct CallGuard {
     ends: Instant,
     outlived: Arc<Overruns>,
