@@ -12,7 +12,7 @@ pub(crate) const CLOUDS: usize = 15;
 
 static CLASSES: PyOnceLock<AnswerClasses> = PyOnceLock::new();
 
-/// The classes, and the answers of which there is only one each.
+/// The classes, and the answers that are the same object each time.
 pub(crate) struct AnswerClasses {
     none: Py<PyTuple>,
     accepted: Py<PyAny>,
@@ -70,7 +70,7 @@ impl AnswerClasses {
         self.ns.call1(py, (nanos,))
     }
 
-    /// Returns `true` if this says that it is in nanoseconds.
+    /// Returns `true` if the object is an `ns`.
     pub(crate) fn is_ns(&self, object: Borrowed<'_, '_, PyAny>) -> bool {
         object.get_type().is(&self.ns)
     }

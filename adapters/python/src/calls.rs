@@ -1,6 +1,6 @@
-//! Carries out what an operator's engine decides: it begins and ends calls, and hands out items.
+//! Carries out the decisions of an operator's engine: begins and ends calls, and hands out items.
 //!
-//! It stands between the engine and the package's `Driver`, which does what is seldom.
+//! It stands between the engine and the package's `Driver`, which handles rare cases.
 
 mod source;
 mod task;
@@ -22,7 +22,7 @@ use crate::time::{Nanos, Number};
 /// Nothing is due.
 const NEVER: u64 = u64::MAX;
 
-/// The calls of one operator; instants are nanoseconds since it started.
+/// The calls of one operator. Instants are nanoseconds since it started.
 #[pyclass(name = "Calls", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyCalls {
     engine: Py<PyEngine>,
@@ -38,7 +38,7 @@ pub(crate) struct PyCalls {
     counting: PyCounting,
     local_deadline: Option<Duration>,
     sources: Vec<SourceEntry>,
-    /// The loop's.
+    /// The event loop's `create_task`.
     create_task: Py<PyAny>,
     output: Py<PyAny>,
     /// Called after an input if somebody waits for room, or no more messages come.
@@ -58,8 +58,11 @@ pub(crate) struct PyCalls {
 
 #[pymethods]
 impl PyCalls {
-    /// `handles_items` says whether the driver looks at each item; else at those that have a lineage or no result, and at
-    /// all once there are `states`. `acted` is called after an input while anybody is in `waiting`.
+    /// Creates the calls of an operator.
+    ///
+    /// With `handles_items` the driver looks at each item. Otherwise it looks only at items that
+    /// have a lineage or no result, and at all items once there are `states`. `acted` is called
+    /// after an input while anybody is in `waiting`.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "they are what a driver is made of")]
     fn new(
@@ -113,7 +116,7 @@ impl PyCalls {
         self.start
     }
 
-    /// Nanoseconds since the start; a clock that goes back stands still.
+    /// Returns the nanoseconds since the start. They stand still while the clock goes back.
     fn now(&self, py: Python<'_>) -> PyResult<u64> {
         let read: u64 = self.clock.bind(py).call0()?.extract()?;
         let last = self.now.load(Ordering::Relaxed);
@@ -122,9 +125,11 @@ impl PyCalls {
         Ok(now)
     }
 
-    /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
-    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in
-    /// nanoseconds, and the inputs that are missing.
+    /// Opens a message (F1) and offers it to clouds (F2).
+    ///
+    /// `offers` is iterated only if the message is accepted, and gives a cloud's priority, the
+    /// request and its deadline. `lineage` is the sensor's stream, the timestamp there, the age and
+    /// the end-to-end deadline in nanoseconds, and the inputs that are missing.
     fn open(
         this: &Bound<'_, Self>,
         at: u64,
@@ -149,12 +154,12 @@ impl PyCalls {
         this.get().result(this, source, t, value)
     }
 
-    /// Notes that a source will send no result (F4).
+    /// Reports that a source will send no result (F4).
     fn fail(this: &Bound<'_, Self>, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
         this.get().decide(this, at, true, |engine| engine.fail(at, t, p, why))
     }
 
-    /// Serves the timer, which may fire early (F5).
+    /// Serves the timer. It may have fired too early (F5).
     fn wake_up(this: &Bound<'_, Self>) -> PyResult<()> {
         let it = this.get();
         it.armed.store(NEVER, Ordering::Relaxed);
@@ -168,12 +173,15 @@ impl PyCalls {
         }
     }
 
-    /// No more messages come: `acted` is called after each input.
+    /// Ends the input of messages. From now on `acted` is called after each input.
     fn close(&self) {
         self.is_closed.store(true, Ordering::Relaxed);
     }
 
-    /// Returns `true` if it ends now: not if it has ended, nor in the midst of an input, which then is the last one.
+    /// Ends the operator, and returns `true` if that took effect now.
+    ///
+    /// Returns `false` if it had already ended. Returns `false` in the midst of an input, too; that
+    /// input is then the last one.
     fn stop(&self) -> bool {
         if self.is_deciding.load(Ordering::Relaxed) {
             self.is_last.fetch_or(!self.is_over(), Ordering::Relaxed);
@@ -188,14 +196,14 @@ impl PyCalls {
         self.is_over.load(Ordering::Relaxed)
     }
 
-    /// Returns whether no message is open and nothing is being decided.
+    /// Returns whether no message is open and nothing is being decided, or the operator is over.
     #[getter]
     fn is_idle(&self) -> PyResult<bool> {
         Ok(self.is_over()
             || (!self.is_deciding.load(Ordering::Relaxed) && self.engine.get().is_idle()?))
     }
 
-    /// Returns whether fewer messages are open than the window holds, as far as that can be known now.
+    /// Returns whether fewer messages are open than the window holds, as far as is known now.
     fn has_room(&self, window: usize) -> PyResult<bool> {
         Ok(self.is_over()
             || (!self.is_deciding.load(Ordering::Relaxed)
@@ -257,7 +265,7 @@ impl PyCalls {
         let StampedValue { value, of, meant_for } = match checked {
             Ok(stamped) => stamped,
             Err(error) => {
-                // D7: what cannot be read is a failure.
+                // A value that cannot be read is a failure (D7).
                 let arguments = (source.p, t, error.into_value(py));
                 return self
                     .driver
@@ -276,12 +284,12 @@ impl PyCalls {
         }
         in_flight.del_item(t)?;
         let (now, t) = (self.now(py)?, t.extract()?);
-        // Without anything to do nothing is due earlier than before.
+        // If the engine wants nothing done, nothing is due earlier than before.
         let value = StampedValue { value: value.unbind(), of, meant_for };
         self.decide(this, now, false, |engine| engine.result(now, t, source.p, value))
     }
 
-    /// Applies an input, and does what the engine says.
+    /// Applies an input, and carries out what the engine decides.
     fn decide(
         &self,
         this: &Bound<'_, Self>,
@@ -291,7 +299,8 @@ impl PyCalls {
     ) -> PyResult<()> {
         let py = this.py();
         self.is_deciding.store(true, Ordering::Relaxed);
-        // An exception of a handler that is no error is raised once every decision is carried out.
+        // An exception that is not an error of a handler is raised after all decisions are carried
+        // out.
         let (first, raised) = match input(self.engine.get()) {
             Ok(first) => (first, None),
             Err(raised) => (None, Some(raised)),
@@ -310,7 +319,7 @@ impl PyCalls {
         raised.map_or(done, Err)
     }
 
-    /// Does what the engine says.
+    /// Carries out what the engine decides.
     fn act(&self, this: &Bound<'_, Self>, now: u64, first: Option<EngineEffect>) -> PyResult<()> {
         let py = this.py();
         let mut next = first;
@@ -375,9 +384,9 @@ impl PyCalls {
             return self.engine.get().fail_later(now, t, p, &why);
         }
         let timestamp = t.into_pyobject(py)?.into_any();
-        // A task may end while it is made, if the loop's tasks are eager.
+        // A task may end while it is being created, if the loop's tasks are eager.
         in_flight.set_item(&timestamp, py.None())?;
-        // D5: the time left, not the time given.
+        // The call gets the time that is left, not the time that was given (D5).
         let left = until.map(|until| seconds(until.saturating_sub(now)));
         let work = match left {
             None => SourceCall::new(this, p, &timestamp, request.into_bound(py), &timestamp),
@@ -399,7 +408,7 @@ impl PyCalls {
         Ok(())
     }
 
-    /// Sets the timer, if it is to fire earlier.
+    /// Sets the timer if it has to fire earlier than now set.
     fn arm(&self, py: Python<'_>, now: u64) -> PyResult<()> {
         let Some(due) = self.engine.get().next_due()? else { return Ok(()) };
         if due < self.armed.load(Ordering::Relaxed) {
@@ -428,7 +437,7 @@ impl PyCalls {
     }
 }
 
-/// Returns `true` if a plain value is none that holds others.
+/// Returns `true` if a plain value holds no other values.
 fn is_unchangeable(value: &Bound<'_, PyAny>) -> bool {
     !value.is_exact_instance_of::<PyList>()
         && !value.is_exact_instance_of::<PyDict>()
@@ -449,7 +458,7 @@ fn stamped<'py>(
     Ok(StampedValue { value: value.getattr(intern!(py, "value"))?, of, meant_for })
 }
 
-/// Divides as Python does: returns the nearest float of the quotient.
+/// Divides as Python does, and returns the nearest float.
 #[expect(clippy::cast_precision_loss, reason = "Python's division rounds as well")]
 fn seconds(nanos: u64) -> f64 {
     nanos as f64 / 1e9

@@ -1,7 +1,8 @@
-//! The engine of an operator: what happened goes in, what is to be done comes out.
+//! The engine of an operator: inputs go in, and effects to carry out come out.
 //!
-//! Python's operator owns the clock, the loop and the tasks; all else is the engine that every adapter has. Nothing of
-//! Python can enter the engine while it decides: message handlers and policies that try are refused.
+//! Python's operator owns the clock, the loop and the tasks. Everything else is the engine that all
+//! adapters share. No Python code can enter the engine while it decides: message handlers and
+//! policies that try to are refused.
 
 mod counting;
 mod effects;
@@ -39,16 +40,17 @@ pub(crate) type EngineEffect = engine::Effect<Py<PyAny>, Py<PyAny>>;
 pub(crate) type LineageFields =
     (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 
-/// A cloud's calls at once, the age of its values, its linger and its policy.
+/// How many calls of a cloud may be under way, how old its values may be, its linger and its
+/// policy.
 type CloudBounds<'py> = (usize, u64, Nanos, Option<Bound<'py, PyAny>>);
 
-/// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
+/// The engine of one operator. Instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyEngine {
     /// `None` once it has finished.
     inner: Mutex<Option<EngineState>>,
     effects: Effects,
-    /// The instant at which the clock read 0, for ages, which count from it.
+    /// The instant at which the clock read 0. Ages count from it.
     start: Instant,
     counting: PyCounting,
     interrupt: PendingException,
@@ -59,18 +61,24 @@ pub(crate) struct PyEngine {
     is_recording: bool,
 }
 
-/// An exception of Python that is no error of a handler, such as `KeyboardInterrupt`. It ends the input after the
-/// input's decisions.
+/// An exception of Python that is not an error of a handler, such as `KeyboardInterrupt`. It is
+/// raised after the decisions of the input.
 #[derive(Clone, Default)]
 pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
 
 #[pymethods]
 impl PyEngine {
-    /// `bounds` are of each cloud, in the order of `clouds`, how many calls may be under way, how many messages old values may
-    /// be, how long calls linger, and what `fuseline.deadline.compiled` gives of its policy; `local` is how many computations
-    /// run at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
-    /// whether results can be lost, and how many computations may be replaced; `reserve` is how long the operators downstream
-    /// take.
+    /// Creates an engine.
+    ///
+    /// `bounds` has an entry for each cloud, in the order of `clouds`: how many calls may be under
+    /// way, how many messages old its values may be, how long calls linger, and its policy as
+    /// `fuseline.deadline.compiled` returns it.
+    ///
+    /// `local` states how many computations run at once, how many may wait (by default as many as
+    /// the window holds), whether a computation of an answered message is skipped, whether results
+    /// can be lost, and how many computations may be replaced.
+    ///
+    /// `reserve` is how long the operators downstream take.
     #[new]
     #[expect(
         clippy::needless_pass_by_value,
@@ -147,13 +155,13 @@ impl PyEngine {
         self.with(|inner| inner.set_situation(situation))
     }
 
-    /// Ends the run: if messages are open, the trace says so.
+    /// Ends the run. If messages are open, the trace shows that.
     fn end(&self, at: u64) -> PyResult<()> {
         let left = self.with(|inner| {
             inner.end(at);
             iter::from_fn(|| inner.next_effect()).collect::<Vec<_>>()
         });
-        // Nothing is begun any more.
+        // No call begins after the end.
         left.map(drop)
     }
 
@@ -163,10 +171,11 @@ impl PyEngine {
         self.counting.clone()
     }
 
-    /// Lets go of all values and policies, and waits until the trace is written, with the interpreter released. Nothing
-    /// comes after it.
+    /// Drops all values and policies, and waits until the trace is written.
+    ///
+    /// The interpreter is released during the wait. Nothing may come after it.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
-        // Policies and values go after the lock: they may be anything.
+        // Policies and values are dropped after the lock, because they may run any code.
         let Some(mut inner) = mem::take(&mut *self.locked()?) else { return Ok(()) };
         py.detach(|| inner.finish()).map_err(|error| PyOSError::new_err(error.to_string()))
     }
@@ -183,7 +192,8 @@ impl PyEngine {
         Lineage { origin, captured, within: within.map(Duration::from_nanos), missing }
     }
 
-    /// F1, F2: a message came; `offers` is iterated only if it is taken on.
+    /// Opens a message (F1) and offers it to clouds (F2). `offers` is iterated only if the message
+    /// is accepted.
     pub(crate) fn open(
         &self,
         at: u64,
@@ -223,7 +233,7 @@ impl PyEngine {
         self.apply(|inner| inner.result(at, t, p, value))
     }
 
-    /// Notes that a source will send no result (F4).
+    /// Reports that a source will send no result (F4).
     pub(crate) fn fail(
         &self,
         at: u64,
@@ -234,7 +244,7 @@ impl PyEngine {
         self.apply(|inner| inner.fail(at, t, p, &why))
     }
 
-    /// Does what `fail` does; its effects come after those that are left.
+    /// Does the same as `fail`, but its effects come after the effects that are left.
     pub(crate) fn fail_later(&self, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
         self.with(|inner| inner.fail(at, t, p, &why))?;
         self.interrupt.take().map_or(Ok(()), Err)
@@ -274,7 +284,7 @@ impl PyEngine {
         self.with(|inner| inner.open_len())
     }
 
-    /// Applies an input; returns the first thing that is to be done.
+    /// Applies an input. Returns the first effect to carry out.
     fn apply(&self, input: impl FnOnce(&mut EngineState)) -> PyResult<Option<EngineEffect>> {
         self.with(|inner| {
             input(inner);
@@ -290,7 +300,8 @@ impl PyEngine {
         }
     }
 
-    /// Locks the engine without waiting: whoever holds it may wait for the interpreter.
+    /// Locks the engine without waiting, because the holder of the lock may wait for the
+    /// interpreter.
     fn locked(&self) -> PyResult<MutexGuard<'_, Option<EngineState>>> {
         match self.inner.try_lock() {
             Ok(inner) => Ok(inner),
@@ -307,7 +318,7 @@ impl Drop for PyEngine {
     fn drop(&mut self) {
         let inner = self.inner.get_mut().unwrap_or_else(PoisonError::into_inner);
         let Some(inner) = inner else { return };
-        // The recorder's thread may want to log an error, for which it waits for the interpreter.
+        // The recorder's thread may want to log an error, and waits for the interpreter to do so.
         let written = Python::try_attach(|py| py.detach(|| inner.finish()));
         // The error was logged when it happened.
         let _: Option<io::Result<()>> = written;
@@ -315,7 +326,7 @@ impl Drop for PyEngine {
 }
 
 impl PendingException {
-    /// Keeps the first one.
+    /// Stores the exception, unless an earlier one is stored.
     pub(crate) fn set(&self, error: PyErr) {
         self.locked().get_or_insert(error);
     }
@@ -324,13 +335,13 @@ impl PendingException {
         self.locked().take()
     }
 
-    /// Locks the exception. No code of Python's runs while it is held.
+    /// Locks the exception. No Python code runs while it is locked.
     fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
         lock(&self.0)
     }
 }
 
-/// Refuses a policy that would learn nothing of longer deadlines, beside this linger.
+/// Refuses a policy that would learn nothing of longer deadlines with this linger.
 #[pyfunction]
 pub(crate) fn check_linger(name: String, policy: &Bound<'_, PyAny>, linger: Nanos) -> PyResult<()> {
     let policy = EnginePolicy::new(policy, &PendingException::default())?;
@@ -344,13 +355,13 @@ pub(crate) fn check_linger(name: String, policy: &Bound<'_, PyAny>, linger: Nano
     config.check().map_err(raised::config)
 }
 
-/// Nobody asked for hints.
+/// Returns the next effect except hints, which Python does not use.
 fn next_wanted(inner: &mut EngineState) -> Option<EngineEffect> {
     iter::from_fn(|| inner.next_effect()).find(|effect| !matches!(effect, EngineEffect::Hint(_)))
 }
 
-/// Makes Python's error for a file that cannot be written. It names the file, as the error of Python's own `open`
-/// does.
+/// Returns Python's error for a file that cannot be written. It names the file, as the error of
+/// Python's own `open` does.
 fn unwritable(error: &io::Error, path: PathBuf) -> PyErr {
     match error.raw_os_error() {
         Some(number) => {

@@ -6,10 +6,10 @@ use crate::judging::{KnownRun, ObservedSlack, VerdictFields, judged, verdict_fie
 use crate::reading::with_trace;
 use crate::tally::{PyTally, SummaryFields};
 
-/// The operator's name, the verdict, and what was counted.
+/// The operator's name, the verdict, and the counts.
 type TraceSummary = (Option<String>, VerdictFields, SummaryFields);
 
-/// Judges a trace, as observed if a tolerance and a lateness are given, and counts what came out.
+/// Judges a trace, as observed if a tolerance and a lateness are given, and counts its outputs.
 #[pyfunction]
 #[pyo3(signature = (trace, name, slack))]
 pub(crate) fn survey(

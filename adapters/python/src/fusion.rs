@@ -12,10 +12,12 @@ use crate::answer_classes::{AnswerClasses, CLOUDS};
 use crate::raised::config;
 use crate::time::{Nanos, Number};
 
-/// Holds what fired before an input, then the input's own answer.
+/// The firings before an input, then the input's own answer.
 type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 
-/// Decides for one operator: inputs go in with their instants, and answers come out. It reads no clock.
+/// Decides for one operator: inputs go in with their instants, and answers come out.
+///
+/// It reads no clock.
 ///
 /// Every input first fires what is due by its instant (F5), and only then is applied (F0). So each
 /// answer is a pair: the firings in their order, then the input's own answer. Act upon a `Forwarded` or
@@ -52,14 +54,14 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 pub(crate) struct PyFusion {
     arbiter: Arbiter,
     header: Header,
-    /// Holds what was recorded since it was taken last; none if nothing is recorded.
+    /// The lines that were recorded since they were last taken, or `None` if nothing is recorded.
     recorded: Option<Vec<u8>>,
 }
 
-/// Holds a window that fits, or what was given instead.
+/// A window that fits, or a description of the value that was given instead.
 pub(crate) struct WindowArgument(Result<u16, String>);
 
-/// Holds a text or its bytes.
+/// A text, or its bytes.
 #[derive(FromPyObject)]
 enum Text {
     Str(String),
@@ -92,7 +94,9 @@ impl PyFusion {
         Self::of(header(clouds, window, commit, operator)?, record)
     }
 
-    /// Makes a machine with the configuration of a trace's first line, with or without its end of line.
+    /// Creates a machine with the configuration of a trace's first line.
+    ///
+    /// The line may have its end of line or not.
     ///
     /// Raises:
     ///     `ConfigError`: if it is no header.
@@ -109,7 +113,7 @@ impl PyFusion {
         }
     }
 
-    /// Opens timestamp `t` for a message; `deadline`, if any, is how long local may take (F1).
+    /// Opens timestamp `t` for a message (F1). `deadline`, if given, is how long local may take.
     #[pyo3(signature = (now, t, deadline=None))]
     fn open(
         slf: &Bound<'_, Self>,
@@ -121,7 +125,7 @@ impl PyFusion {
         answer(slf, &Input::Open { at: now.0, t: t.0, deadline })
     }
 
-    /// Offers a request to cloud `p`, in whose queue `backlog` requests wait already (F2).
+    /// Offers a request to cloud `p` (F2). `backlog` requests already wait in its queue.
     #[pyo3(
         signature = (now, t, p, deadline, backlog=Number(0)),
         text_signature = "($self, now, t, p, deadline, backlog=0)"
@@ -138,7 +142,7 @@ impl PyFusion {
         answer(slf, &Input::Offer { at: now.0, t: t.0, p: p.0, deadline, backlog })
     }
 
-    /// Takes the result of source `p`; 0 is local (F3).
+    /// Takes the result of source `p` (F3). Source 0 is local.
     #[pyo3(signature = (now, t, p))]
     fn result(
         slf: &Bound<'_, Self>,
@@ -149,13 +153,13 @@ impl PyFusion {
         answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
     }
 
-    /// Takes a failure: no result will come from source `p`; 0 is local (F4).
+    /// Takes a failure: no result will come from source `p` (F4). Source 0 is local.
     #[pyo3(signature = (now, t, p))]
     fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Fail { at: now.0, t: t.0, p: p.0 })
     }
 
-    /// Lets time go by, and returns what fired (F0). Call it at `next_due`.
+    /// Lets time pass, and returns what fired (F0). Call it at `next_due`.
     #[pyo3(signature = (now))]
     fn tick(slf: &Bound<'_, Self>, now: Number) -> PyResult<Py<PyTuple>> {
         let py = slf.py();
@@ -163,7 +167,8 @@ impl PyFusion {
         AnswerClasses::get(py)?.firings(py, &fired)
     }
 
-    /// Returns why an offer with a deadline above 0 would be refused now; None if it would be admitted.
+    /// Returns why an offer with a deadline above 0 would be refused now, or None if it would be
+    /// admitted.
     #[pyo3(
         signature = (t, p, backlog=Number(0)),
         text_signature = "($self, t, p, backlog=0)"
@@ -187,7 +192,8 @@ impl PyFusion {
         why.map(|why| AnswerClasses::get(py)?.refusal(py, why)).transpose()
     }
 
-    /// Returns the earliest due instant of all armed timers, in nanoseconds; None if there is none.
+    /// Returns the earliest due instant of all armed timers in nanoseconds, or None if there is
+    /// none.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due()
@@ -199,7 +205,7 @@ impl PyFusion {
         self.arbiter.now()
     }
 
-    /// Returns the greatest timestamp ever opened; None if there is none.
+    /// Returns the greatest timestamp ever opened, or None if there is none.
     #[getter]
     fn newest(&self) -> Option<u64> {
         self.arbiter.fusion().newest().map(Timestamp::as_u64)
@@ -217,13 +223,13 @@ impl PyFusion {
         self.header.to_string()
     }
 
-    /// Returns the due instant of the timer of (t, p), in nanoseconds; None if it is not armed.
+    /// Returns the due instant of the timer of (t, p) in nanoseconds, or None if it is not armed.
     fn due(&self, t: Number, p: Number) -> Option<u64> {
         let p = Priority::new(u16::try_from(p.0).ok()?);
         self.arbiter.fusion().due(Timestamp::new(t.0), p).map(fuseline_core::Instant::as_nanos)
     }
 
-    /// Returns whole lines of the trace: all that was recorded since the last call.
+    /// Returns whole lines of the trace: everything that was recorded since the last call.
     fn take_trace<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         match &mut self.recorded {
             Some(recorded) => Ok(PyBytes::new(py, &std::mem::take(recorded))),
@@ -274,7 +280,7 @@ impl PyFusion {
         Ok(Self { arbiter, header, recorded })
     }
 
-    /// Applies an input; returns what fired before it and its answer.
+    /// Applies an input. Returns the firings before it, and its answer.
     fn apply(&mut self, input: &Input) -> (Vec<Firing<CLOUDS>>, Answer<CLOUDS>) {
         let mut fired = Vec::new();
         let answer = self.arbiter.apply(input, |_, firing| fired.push(*firing));
@@ -314,7 +320,7 @@ impl Text {
     }
 }
 
-/// Applies an input. While Python's own classes make the answer, the machine is free again.
+/// Applies an input. The machine is free again while Python's own classes make the answer.
 fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer> {
     let py = slf.py();
     let classes = AnswerClasses::get(py)?;
@@ -330,7 +336,7 @@ fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer>
     Ok((classes.firings(py, &fired)?, own))
 }
 
-/// Makes the configuration of a machine, as its trace begins with it.
+/// Returns the configuration of a machine as its trace's header has it.
 pub(crate) fn header(
     clouds: Vec<CloudEntry<'_>>,
     window: WindowArgument,

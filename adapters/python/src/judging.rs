@@ -1,4 +1,4 @@
-//! Reading, judging and replaying traces, with the interpreter's lock released.
+//! Reads, judges and replays traces, with the interpreter's lock released.
 
 use std::io::BufRead;
 
@@ -17,14 +17,15 @@ use crate::raised::{config, unjudged, unreadable};
 use crate::reading::with_trace;
 use crate::time::Nanos;
 
-/// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
+/// A verdict's fields in the order of `fuseline.Verdict`. Its violations are in the same form.
 pub(crate) type VerdictFields =
     (String, bool, u64, u64, Vec<ViolationFields>, u64, Vec<DoubtFields>, Option<String>);
 /// Kind, count, what was found, and the first message.
 pub(crate) type DoubtFields = (&'static str, u64, String, Option<u64>);
 pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
-/// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
+/// The number and word of a line, then `at`, `t`, `p`, `deadline`, `backlog`, `due` and `why`, and
+/// the annotations if there are any.
 type Row = (u64, &'static str, u64, CountFields, Option<&'static str>, Option<AnnotationFields>);
 /// `of`, `for`, `try`, `within`, `age`, `origin`, `seq` and `missing`.
 type AnnotationFields = (
@@ -70,13 +71,13 @@ pub(crate) fn check(
 /// The facts about a run besides its trace.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct KnownRun {
-    /// It is over: what was due is overdue.
+    /// `true` if the run is over, so that everything that was due is overdue.
     ended: bool,
     /// The nanoseconds from one open to the next (J1).
     period: Option<u64>,
 }
 
-/// Judges a trace as it is read; `each` is given every event, with the header.
+/// Judges a trace as it is read, and gives `each` every event with the header.
 pub(crate) fn judged(
     (slack, tolerances): (ObservedSlack, &SourceTolerances),
     known: KnownRun,
@@ -104,7 +105,7 @@ pub(crate) fn judged(
     Ok((reader.header().clone(), findings))
 }
 
-/// Judges traces and makes the page about them: the verdicts, and the page's HTML.
+/// Judges traces and writes the page about them. Returns the verdicts and the page's HTML.
 #[pyfunction]
 #[pyo3(signature = (traces, slack, tolerances))]
 #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
@@ -182,7 +183,7 @@ pub(crate) fn verdict_fields(verdict: Verdict) -> VerdictFields {
     (file, conforms, judged, lines, violations.collect(), more, doubts.collect(), cause)
 }
 
-/// Returns the whole trace: the inputs as they stand, and the machine's decisions.
+/// Returns the whole trace: the inputs unchanged, and the machine's decisions.
 #[pyfunction]
 #[pyo3(signature = (trace, name))]
 pub(crate) fn replay<'py>(
@@ -201,7 +202,8 @@ pub(crate) fn replay<'py>(
                 out.push(b'\n');
                 decisions.clear();
                 arbiter.decide(&input, |decision| decisions.push(decision));
-                // D2, D18: an emit says of its value what the result that it sends said.
+                // An emit states the same about its value as the result that it sends did (D2,
+                // D18).
                 values.apply(&input, reader.annotations().value(), decisions.iter());
                 for decision in &decisions {
                     let sent = values.sent(decision);

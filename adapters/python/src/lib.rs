@@ -1,4 +1,5 @@
-//! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
+//! The extension module `fuseline._fuseline`. Users see the package around it, in
+//! `python/fuseline`.
 
 mod answer_classes;
 mod calls;
@@ -17,7 +18,7 @@ mod time;
 
 use pyo3::prelude::*;
 
-/// The machine, the judges and the policies of deadlines, as the package `fuseline` hands them on.
+/// The machine, the judges and the policies of deadlines, which the package `fuseline` exports.
 #[pymodule]
 mod _fuseline {
     use pyo3::prelude::*;

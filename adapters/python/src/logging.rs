@@ -17,7 +17,7 @@ static LOGGER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 /// A thread that waits for that thread must release the interpreter.
 struct PythonSubscriber;
 
-/// An event in words: `operator: message (field=value, …)`.
+/// An event as text: `operator: message (field=value, …)`.
 #[derive(Default)]
 struct PyLogLine {
     operator: Option<String>,
@@ -27,7 +27,7 @@ struct PyLogLine {
 
 /// Forwards what the engine logs from now on.
 pub(crate) fn install() {
-    // The extension has a `tracing` of its own; it is imported once.
+    // The extension has its own copy of `tracing`, and it is imported once.
     let _ = tracing::subscriber::set_global_default(PythonSubscriber);
 }
 
@@ -54,7 +54,7 @@ impl Subscriber for PythonSubscriber {
             Level::WARN => "warning",
             _ => "info",
         };
-        // None at the interpreter's end, when nobody reads logs any more.
+        // At the interpreter's end this is `None`, and nobody reads logs then.
         Python::try_attach(|py| write(py, level, &line.to_string(), None));
     }
 
@@ -102,7 +102,7 @@ impl fmt::Display for PyLogLine {
     }
 }
 
-/// Writes a line; what a handler of `logging` raises has nowhere else to go.
+/// Writes a line. An exception that a handler of `logging` raises has nowhere else to go.
 fn write(py: Python<'_>, level: &str, message: &str, more: Option<&Bound<'_, PyDict>>) {
     let logger = LOGGER.get_or_try_init(py, || {
         py.import("logging")?.call_method1("getLogger", ("fuseline",)).map(Bound::unbind)

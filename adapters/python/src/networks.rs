@@ -17,11 +17,11 @@ use crate::time::Nanos;
 #[pyclass(name = "Drive", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyDrive(Drive);
 
-/// A policy's name, its mean accuracy and outputs in time from least to most, and of each quantile the word of what is known
-/// and the nanoseconds.
+/// A policy's name, its mean accuracy, and its outputs in time, each from least to most. Then, for
+/// each quantile, the word for what is known of it and the nanoseconds.
 type PolicyRow = (String, Option<(f64, f64)>, (u64, u64), Vec<Option<(&'static str, u64)>>);
 
-/// By source, local first: its name, its priority and its accuracy, if that is known.
+/// The sources, local first. Each has its name, its priority, and its accuracy if that is known.
 type ComparedSource = (String, u16, Option<f64>);
 
 #[pymethods]
@@ -34,13 +34,13 @@ impl PyDrive {
         })
     }
 
-    /// Returns the drive's name, the network included.
+    /// Returns the drive's name, which includes the network.
     #[getter]
     fn name(&self) -> &str {
         self.0.name()
     }
 
-    /// Nanoseconds until it starts again.
+    /// Returns the nanoseconds until the drive starts again.
     #[getter]
     fn length(&self) -> u64 {
         nanos(self.0.length())
@@ -51,8 +51,9 @@ impl PyDrive {
         self.0.samples().map(|(at, trip)| (nanos(at), trip.map(nanos))).collect()
     }
 
-    /// Returns the nanoseconds until a message that is sent at this instant of the drive is answered, or `None` if it
-    /// never is.
+    /// Returns the nanoseconds until a message that is sent at this instant is answered.
+    ///
+    /// Returns None if it is never answered.
     fn round_trip(&self, at: Nanos) -> Option<u64> {
         self.0.round_trip(Duration::from_nanos(at.0)).map(nanos)
     }
@@ -91,7 +92,10 @@ pub(crate) fn compare_trace(
     })
 }
 
-/// Rival policies over arrivals: of each message, by source, the nanoseconds until its result, or none if none came.
+/// Compares rival policies over arrivals.
+///
+/// `messages` has, for each message and by source, the nanoseconds until its result, or None if no
+/// result came.
 #[pyfunction]
 #[pyo3(signature = (sources, messages, deadline))]
 #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
@@ -115,8 +119,8 @@ pub(crate) fn compare_responses(
     })
 }
 
-/// Returns the rivals: local only, each cloud alone, whichever is first, and each better one as it
-/// comes.
+/// Returns the rivals: local alone, each cloud alone, the first result, and each better result as
+/// it comes.
 fn rivals(
     messages: &[MessageRecord],
     sources: &[ComparedSource],

@@ -1,5 +1,5 @@
-//! The parts between operators: joins, order, and latencies. The engine decides; the package has
-//! clocks and streams.
+//! The parts between operators: joins, order and latencies. The engine decides, and the package
+//! owns clocks and streams.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,22 +16,24 @@ use pyo3::types::PyDict;
 use crate::raised::config;
 use crate::time::{Nanos, Number};
 
-/// Holds a lineage: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
-/// inputs that are missing.
+/// A lineage: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end
+/// deadline, and the inputs that are missing.
 type CapturedLineage = (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
-/// Holds a set: its key, its messages by input, the inputs that are missing, why it was given, and its lineage.
+/// A set: its key, its messages by input, the inputs that are missing, why it was given, and its
+/// lineage.
 type JoinedSet<'py> = (u64, Bound<'py, PyDict>, Vec<String>, &'static str, Option<CapturedLineage>);
-/// Holds what a reorderer gives: `item`, `passed over` or `late`, the item, and the range that was passed over.
+/// An output of a reorderer: `item`, `passed over` or `late`, the item, and the range that was
+/// passed over.
 type OrderedEntry = (&'static str, Option<Py<PyAny>>, Option<(u64, u64)>);
 
-/// Places a clock of Python's, in nanoseconds, on the system's.
+/// Maps the nanoseconds of a Python clock to instants of the system's clock.
 #[derive(Clone, Copy)]
 struct ClockOrigin {
     nanos: u64,
     instant: Instant,
 }
 
-/// Puts together what has one key; instants are nanoseconds of one clock.
+/// Joins messages of the same key. Instants are nanoseconds of one clock.
 #[pyclass(name = "Aligner", module = "fuseline._fuseline")]
 pub(crate) struct PyAligner {
     inner: Aligner<BTreeMap<usize, Py<PyAny>>>,
@@ -39,14 +41,15 @@ pub(crate) struct PyAligner {
     clock: ClockOrigin,
 }
 
-/// Keeps what comes before its turn, until it is its turn or it is due.
+/// Keeps an item that comes early, until it is its turn or it is due.
 #[pyclass(name = "Reorderer", module = "fuseline._fuseline")]
 pub(crate) struct PyReorderer {
     inner: Reorderer<Py<PyAny>>,
     clock: ClockOrigin,
 }
 
-/// Admits side requests by how many of them wait, as the machine admits a cloud's requests (F2g).
+/// Admits side requests by how many of them wait, in the same way as the machine admits a cloud's
+/// requests (F2g).
 #[pyclass(name = "Gate", module = "fuseline._fuseline")]
 pub(crate) struct PyGate(Gate);
 
@@ -73,7 +76,9 @@ impl PyAligner {
         Self { inner, names, clock: ClockOrigin::new(now) }
     }
 
-    /// Takes a message, or without a value the news that nothing follows; returns why it was dropped, if it was.
+    /// Takes a message, or with no value the news that nothing follows.
+    ///
+    /// Returns why it was dropped, if it was.
     fn arrive(
         &mut self,
         at: u64,
@@ -99,19 +104,22 @@ impl PyAligner {
         self.inner.end(self.clock.instant(at), index);
     }
 
-    /// Sets what is left of end-to-end deadlines when sets are given, as the sum of these.
+    /// Sets what end-to-end deadlines must have left when sets are given: the sum of these
+    /// latencies.
     #[expect(clippy::needless_pass_by_value, reason = "it is made of a list")]
     fn set_reserve(&mut self, latencies: Vec<PyRef<'_, PyLatency>>) {
         let reserve: Reserve = latencies.iter().map(|it| &it.0).sum();
         self.inner.set_reserve(reserve.on_board());
     }
 
-    /// Lets time go by.
+    /// Lets time pass.
     fn tick(&mut self, at: u64) {
         self.inner.tick(self.clock.instant(at));
     }
 
-    /// Returns the lineage of a set that was given at `at` and lacks these inputs; `latest` is that of a latest-value input.
+    /// Returns the lineage of a set that was given at `at` and lacks these inputs.
+    ///
+    /// `latest` is the lineage of a latest-value input.
     fn lineage_of_set(
         &self,
         at: u64,
@@ -139,13 +147,13 @@ impl PyAligner {
         Ok(Some((key, by_name, missing, cause.as_str(), lineage)))
     }
 
-    /// Returns when the next set is due, if one waits.
+    /// Returns the instant at which the next set is due, if a set waits.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.inner.next_due().map(|due| self.clock.nanos(due))
     }
 
-    /// Returns true once each input has ended and every set was given.
+    /// Returns true once each input has ended and every set has been given.
     #[getter]
     fn is_over(&self) -> bool {
         self.inner.is_over()
@@ -174,7 +182,7 @@ impl PyReorderer {
         self.inner.arrive(now, (timestamp, is_last), due, item);
     }
 
-    /// Lets time go by.
+    /// Lets time pass.
     fn tick(&mut self, at: u64) {
         self.inner.tick(self.clock.instant(at));
     }
@@ -193,7 +201,7 @@ impl PyReorderer {
         })
     }
 
-    /// Returns when the next item is due, if one waits.
+    /// Returns the instant at which the next item is due, if an item waits.
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.inner.next_due().map(|due| self.clock.nanos(due))
@@ -213,7 +221,7 @@ impl PyGate {
         })
     }
 
-    /// Opens or shuts the gate, and returns whether one more request may join the `backlog` that waits.
+    /// Consults the gate, and returns whether one more request may join the `backlog`.
     const fn admits(&mut self, backlog: u64) -> bool {
         self.0.admits(backlog)
     }
@@ -230,8 +238,10 @@ impl PyLatency {
         Self(Latency::stated_with_clouds(on_board, with_clouds))
     }
 
-    /// Measures a percentile, 1 to 100, of local's last 256 computations and of the last 256 messages; it is `at_first` for
-    /// either until 16 were recorded.
+    /// Measures a percentile, 1 to 100, of local's last 256 computations and of the last 256
+    /// messages.
+    ///
+    /// Each of the two is `at_first` until 16 of its values are recorded.
     #[staticmethod]
     fn measured(percent: i64, at_first: Nanos) -> PyResult<Self> {
         match u8::try_from(percent) {
@@ -252,13 +262,13 @@ impl PyLatency {
         self.0.record_local(Duration::from_nanos(latency.0));
     }
 
-    /// Returns what the operator needs on board, as it is now.
+    /// Returns what the operator needs on board at present.
     #[getter]
     fn on_board(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         crate::answer_classes::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().on_board()))
     }
 
-    /// Returns what the operator takes with its clouds, as it is now.
+    /// Returns what the operator takes with its clouds at present.
     #[getter]
     fn with_clouds(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         crate::answer_classes::AnswerClasses::get(py)?

@@ -19,26 +19,26 @@ use crate::answer_classes::AnswerClasses;
 use crate::raised::DeadlineError;
 use crate::time::{Nanos, Plain};
 
-/// Bounds how many calls are remembered.
+/// The number of calls that are remembered.
 const WINDOW: usize = 64;
 
-/// Holds a deadline in nanoseconds, the reason's word, the guard's case and the mean loss.
+/// A deadline in nanoseconds, the word for its reason, the guard's case, and the mean loss.
 type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 
-/// Holds a response in nanoseconds, whether it was answered then, and how many calls.
+/// A response in nanoseconds, whether the call was answered then, and how many calls there were.
 type ObservedCall = (u64, bool, u64);
 
-/// Reads a figure: a number or a time, or the least and the greatest.
+/// A figure: one number or time, or the least and the greatest.
 pub(crate) struct FigureArgument<T>(Span<T>);
 
-/// Reads what a policy knows: an object with these attributes.
+/// The facts that a policy knows, read from an object with these attributes.
 pub(crate) struct SituationFields {
     speed: FigureArgument<Plain>,
     reveal: Option<Plain>,
     under_way: Vec<Nanos>,
 }
 
-/// Reads what an output costs: an object with the attributes of one of them, or a function.
+/// The cost of an output, read from an object with the attributes of one of these, or a function.
 pub(crate) enum LossFields {
     Impact { vehicle: VehicleArgument },
     Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
@@ -46,20 +46,20 @@ pub(crate) enum LossFields {
     Function(Py<PyAny>),
 }
 
-/// Reads how well a detector does: an object with these attributes.
+/// How well a detector does, read from an object with these attributes.
 pub(crate) struct DetectorFields {
     accuracy: Plain,
     overlap: Plain,
 }
 
-/// Reads a class of hazards: an object with these attributes.
+/// A class of hazards, read from an object with these attributes.
 pub(crate) struct Class {
     range_local: FigureArgument<Plain>,
     range_cloud: FigureArgument<Plain>,
     weight: Plain,
 }
 
-/// Reads a vehicle, its sources and the hazards: an object with these attributes.
+/// A vehicle, its sources and the hazards, read from an object with these attributes.
 pub(crate) struct VehicleArgument {
     deceleration: FigureArgument<Plain>,
     brake_delay: FigureArgument<Nanos>,
@@ -80,11 +80,11 @@ pub(crate) struct PyGuard(pub(crate) deadline::Guard);
 #[pyclass(name = "Expected", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyExpected(pub(crate) SharedExpected);
 
-/// Shares the policy with an engine.
+/// A policy that is shared with an engine.
 #[derive(Clone)]
 pub(crate) struct SharedExpected {
     policy: Arc<Mutex<deadline::Expected<AnyLoss, WINDOW>>>,
-    /// The function that is the loss, if it is one.
+    /// The loss, if it is a function of Python's.
     function: Option<Arc<LossFunction>>,
 }
 
@@ -99,7 +99,7 @@ enum AnyLoss {
     Function(Arc<LossFunction>),
 }
 
-/// Calls a function of Python's for a loss.
+/// Calls a Python function for the loss.
 struct LossFunction {
     called: Py<PyAny>,
     /// The situation that the policy is asked about.
@@ -161,7 +161,7 @@ impl PyExpected {
         self.0.ended(end_of(end, age)?)
     }
 
-    /// Learns how fast boxes moved; only a loss in a stream uses it.
+    /// Learns how fast boxes moved. Only a loss in a stream uses it.
     fn moved(&self, speeds: Vec<Plain>) -> PyResult<()> {
         if let AnyLoss::Stream(loss) = self.0.locked()?.loss_mut() {
             for Plain(speed) in speeds {
@@ -177,7 +177,7 @@ impl PyExpected {
     }
 }
 
-/// Returns what an output of local or of the cloud costs, `response` after its capture.
+/// Returns the cost of an output of local or of the cloud, `response` after its capture.
 #[pyfunction]
 #[pyo3(signature = (loss, known, source, response))]
 pub(crate) fn loss(
@@ -210,12 +210,15 @@ impl PyObservations {
         Ok(())
     }
 
-    /// Returns what is remembered: by response, answered calls before those given up.
+    /// Returns the remembered calls by response, answered calls before those that were given up.
     fn sorted(&self) -> Vec<ObservedCall> {
         self.0.sorted().map(seen).collect()
     }
 
-    /// Returns the estimate of Kaplan and Meier: responses with the share answered then, and not by then.
+    /// Returns the Kaplan–Meier estimate.
+    ///
+    /// Each entry has a response, the share of calls answered then, and the share not answered by
+    /// then.
     fn survival(&self, under_way: Vec<Nanos>) -> Vec<(u64, f64, f64)> {
         let under_way = ages(under_way);
         let steps = Survival::new(self.0.sorted(), &under_way);
@@ -300,17 +303,17 @@ impl SharedExpected {
         Ok(())
     }
 
-    /// Returns true if it learns of longer deadlines only from calls that linger.
+    /// Returns `true` if the policy learns of longer deadlines only from calls that linger.
     pub(crate) fn needs_linger(&self) -> PyResult<bool> {
         Ok(self.locked()?.needs_linger())
     }
 
-    /// Returns true if its loss is a function of Python's.
+    /// Returns `true` if the loss is a Python function.
     pub(crate) const fn calls_python(&self) -> bool {
         self.function.is_some()
     }
 
-    /// Sets the situation that a loss of Python's gets.
+    /// Sets the situation that is passed to a Python loss.
     pub(crate) fn set_situation(&self, situation: Py<PyAny>) {
         if let Some(function) = &self.function {
             *lock(&function.situation) = Some(situation);
@@ -435,7 +438,7 @@ impl<'py> FromPyObject<'_, 'py> for VehicleArgument {
     }
 }
 
-/// Returns an attribute; what is wrong with it is raised with its name before it.
+/// Returns an attribute. An error about its value names the attribute.
 fn field<'py, T>(object: Borrowed<'_, 'py, PyAny>, name: &str) -> PyResult<T>
 where
     T: for<'b> FromPyObject<'b, 'py, Error: Into<PyErr>>,

@@ -1,4 +1,4 @@
-//! The package's own exceptions, raised from here.
+//! Raises the package's own exceptions.
 
 use std::fmt::Display;
 
@@ -11,8 +11,8 @@ pyo3::import_exception!(fuseline._errors, DeadlineError);
 pyo3::import_exception!(fuseline._errors, TimeError);
 pyo3::import_exception!(fuseline._errors, ReadError);
 
-/// Returns the exception for a trace that cannot be read, with its place. An exception that came while reading is
-/// returned as it is.
+/// Returns the exception for a trace that cannot be read, with its place. An exception that was
+/// raised while reading is returned unchanged.
 pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     let fuseline_traces::ReadError { file, line, column, defect } = error;
     match defect {
@@ -24,7 +24,7 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     }
 }
 
-/// Returns the exception for a trace that is out of order, and so cannot be judged as observed.
+/// Returns the exception for a trace that is out of order and so cannot be judged as observed.
 pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     let message = error.to_string();
     let place = format!("{}:{}:1: ", error.file, error.line);

@@ -11,9 +11,9 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyIterator, PyString};
 
-/// The interpreter is asked this often whether somebody wants to stop.
+/// The time between two checks whether the user wants to stop.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// The number of bytes that are read at once, and gathered from lines.
+/// The number of bytes that are read, or collected from lines, at once.
 const CHUNK: usize = 64 * 1024;
 
 /// The source of a trace.
@@ -24,11 +24,11 @@ enum TraceSource {
     Lines(Py<PyIterator>),
 }
 
-/// Opens a trace and gives it to `read`, with its name in verdicts and errors and with the interpreter released: opening
-/// may wait too, for instance for whoever writes to a pipe.
+/// Opens a trace and passes it to `read`, with the name for verdicts and errors. The interpreter is
+/// released, because opening may wait too, for instance for the writer of a pipe.
 ///
-/// Bytes are a trace, texts and paths are files, what can be read from is an open file, all else gives lines. What is packed
-/// is unpacked.
+/// Bytes are a trace, texts and paths are files, an object with `read` is an open file, and
+/// anything else gives lines. A packed trace is unpacked.
 pub(crate) fn with_trace<T: Send>(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
@@ -78,12 +78,12 @@ impl TraceSource {
     }
 }
 
-/// Returns a reader that unpacks the trace if need be, and ends if somebody interrupts it.
+/// Returns a reader that unpacks the trace if necessary, and ends if the user interrupts it.
 fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
     Ok(Box::new(InterruptibleReader::new(unpack(trace)?)))
 }
 
-/// Returns the exception within an error, or an error of the system with the file that it is about.
+/// Returns the Python exception within an error, or an error of the system that names the file.
 fn named(path: &str, error: io::Error) -> PyErr {
     let error = match error.downcast::<PyErr>() {
         Ok(raised) => return raised,
@@ -95,7 +95,7 @@ fn named(path: &str, error: io::Error) -> PyErr {
     PyOSError::new_err((number, words, path.to_owned()))
 }
 
-/// An open file of Python's, or what is read like one.
+/// An open file of Python's, or an object that is read in the same way.
 struct Stream(Py<PyAny>);
 
 impl Read for Stream {
@@ -121,10 +121,10 @@ impl Read for Stream {
     }
 }
 
-/// Lines of an iterator, gathered while the interpreter is held.
+/// Collects lines of an iterator while the interpreter is held.
 struct IteratorLines {
     from: Py<PyIterator>,
-    /// `true` if lines bear their own ends, which the first one shows.
+    /// `true` if lines have their own line ends. The first line decides.
     ends: Option<bool>,
     held: Vec<u8>,
     taken: usize,
@@ -176,7 +176,7 @@ impl Read for IteratorLines {
     }
 }
 
-/// A reader that lets Ctrl-C through while the interpreter is not held.
+/// A reader that lets Ctrl-C interrupt it although the interpreter is released.
 struct InterruptibleReader<R> {
     inner: R,
     checked_at: Instant,

@@ -6,12 +6,15 @@ use fuseline_traces::{Commit, Decision, Event, Header, Input};
 
 /// The number of messages without an outcome that are remembered. It is more than a window has.
 const OPEN: usize = 4096;
-/// The number of leading bits of a response time that are distinguished: bins are at most a 32nd wide.
+/// The number of leading bits of a response time that the bins distinguish. A bin is at most a 32nd
+/// wide.
 const BITS: u32 = 6;
 
-/// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
+/// The first instant and the last, in nanoseconds; the number of messages, of missed ones and of
+/// refused ones; the outputs.
 pub(crate) type SummaryFields = (u64, u64, u64, u64, Vec<SlowestOutput>);
-/// A source's priority and name, the greatest response of the bin in nanoseconds, and how many outputs.
+/// A source's priority and name, the greatest response of the bin in nanoseconds, and the number of
+/// outputs.
 pub(crate) type SlowestOutput = (u64, String, u64, u64);
 
 /// The counts so far.
@@ -22,11 +25,11 @@ pub(crate) struct PyTally {
     messages: u64,
     missed: u64,
     refused: u64,
-    /// The instants at which the messages without an outcome were opened, and how often each was tried.
+    /// For each message without an outcome, when it was opened, and how often it was tried.
     open: BTreeMap<u64, (u64, u64)>,
-    /// The last output of each of these messages under progressive: its source and bin.
+    /// The last preliminary output of each of these messages: its source and bin.
     preliminary: BTreeMap<u64, (u64, u64)>,
-    /// Outputs by source and bin.
+    /// The number of outputs by source and bin.
     outputs: BTreeMap<(u64, u64), u64>,
 }
 
@@ -70,7 +73,7 @@ impl PyTally {
                 } else if let Some(worse) = self.preliminary.insert(t, output)
                     && let Some(count) = self.outputs.get_mut(&worse)
                 {
-                    // F9: a better one takes its place.
+                    // A better output takes its place (F9).
                     *count -= 1;
                 }
             }
@@ -98,7 +101,7 @@ impl PyTally {
     }
 }
 
-/// Returns the greatest response that differs from this one in its lower bits alone.
+/// Returns the greatest response that differs from this one only in its lower bits.
 const fn bin(response: u64) -> u64 {
     let shift = (u64::BITS - response.leading_zeros()).saturating_sub(BITS);
     response | ((1 << shift) - 1)

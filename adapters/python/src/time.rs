@@ -1,4 +1,4 @@
-//! Instants and durations, as Python has them.
+//! Instants and durations, in Python's forms.
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -7,23 +7,23 @@ use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
 use crate::answer_classes::AnswerClasses;
 use crate::raised::TimeError;
 
-/// Reads a duration from seconds as a float, a `timedelta`, or the package's own `ns`. It refuses a plain int, since
-/// it may be meant as either unit; 0 is the same in both.
+/// A duration, read from seconds as a float, a `timedelta`, or the package's own `ns`. A plain int
+/// is refused, because it may be meant in either unit; 0 is the same in both.
 #[derive(Clone, Copy)]
 pub(crate) struct Nanos(pub(crate) u64);
 
-/// Reads a number from 0 to 2⁶⁴ − 1.
+/// A number from 0 to 2⁶⁴ − 1.
 #[derive(Clone, Copy)]
 pub(crate) struct Number(pub(crate) u64);
 
-/// Reads a number in the unit of its figure, which is no time, and refuses a duration in its place.
+/// A number that is no time, in the unit of its figure. A duration is refused.
 #[derive(Clone, Copy)]
 pub(crate) struct Plain(pub(crate) f64);
 
 /// A second, in nanoseconds.
 const SECOND: f64 = 1e9;
 
-/// Returns a duration as whole nanoseconds; a float is seconds, rounded to the nearest nanosecond.
+/// Returns a duration as whole nanoseconds. A float is seconds, rounded to the nearest nanosecond.
 #[pyfunction]
 #[pyo3(signature = (duration, /))]
 pub(crate) fn nanoseconds(py: Python<'_>, duration: Nanos) -> PyResult<Py<PyAny>> {
@@ -92,7 +92,8 @@ impl<'py> FromPyObject<'_, 'py> for Nanos {
         if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() {
             return if object.eq(0)? { Ok(Self(0)) } else { Err(ambiguous(object)) };
         }
-        // Another kind of float, such as numpy's of 32 bits. What has an index is a whole number.
+        // Accepts other kinds of float, such as numpy's of 32 bits. An object with an index is a
+        // whole number.
         if !object.hasattr("__index__")? && object.hasattr("__float__")? {
             return seconds_of(object.call_method0("__float__")?.extract()?).map(Self);
         }
@@ -110,7 +111,7 @@ fn ambiguous(object: Borrowed<'_, '_, PyAny>) -> PyErr {
     PyTypeError::new_err(message)
 }
 
-/// Rounded to the nearest nanosecond; what is too long, infinity too, is 2⁶⁴ − 1 ns (A14).
+/// Rounds to the nearest nanosecond. A duration that is too long, or infinite, is 2⁶⁴ − 1 ns (A14).
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

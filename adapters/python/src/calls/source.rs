@@ -13,21 +13,22 @@ pub(super) struct SourceEntry {
     pub(super) aborted: Py<PySet>,
     pub(super) limit: usize,
     pub(super) handle: Py<PyAny>,
-    /// None of local.
+    /// `None` for local.
     pub(super) response_handler: Option<Py<PyAny>>,
     pub(super) encodes: bool,
-    /// The name of its tasks, for `create_task`.
+    /// The names of its tasks, as a keyword argument of `create_task`.
     pub(super) named: Py<PyDict>,
-    /// `true` if its results are copied, so that what it computes next changes none that is held.
+    /// `true` if its results are copied. Then later computations cannot change a held result.
     pub(super) copies: bool,
 }
 
-/// A source as the package gives it: its priority, its tasks, the most of them, its handle, its response handler, and
-/// whether its requests are encoded, what its tasks are called, and whether its results are copied.
+/// A source as the package passes it: its priority, its tasks, how many of them there may be, its
+/// handle and its response handler. Then whether its requests are encoded, how its tasks are named,
+/// and whether its results are copied.
 pub(super) type SourceArgument<'py> =
     (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool, Bound<'py, PyAny>, bool);
 
-/// Classes that are compared with, or made, for each call.
+/// The classes that each call is compared with, or that are created for each call.
 pub(super) struct CallClasses {
     pub(super) coroutine: Py<PyType>,
     pub(super) generator: Py<PyType>,

@@ -1,4 +1,4 @@
-//! A call or computation as what a task runs.
+//! The awaitable object that the task of a call or computation runs.
 
 use std::mem;
 use std::sync::{Mutex, MutexGuard};
@@ -16,8 +16,9 @@ use pyo3::types::{
 use crate::calls::PyCalls;
 use crate::calls::source::{CallClasses, SourceEntry};
 
-/// A call or computation of one message, whose result goes to the engine. It calls the handle at its first step; a step
-/// that takes too long is counted.
+/// Runs a call or computation of one message and gives its result to the engine.
+///
+/// It calls the handle at its first step. A step that takes too long is counted.
 #[pyclass(module = "fuseline._fuseline", frozen)]
 pub(crate) struct SourceCall {
     calls: Py<PyCalls>,
@@ -30,9 +31,9 @@ pub(crate) struct SourceCall {
 enum CallStage {
     /// The handle's arguments: the request and its call, or the message and its timestamp.
     New(Py<PyAny>, Py<PyAny>),
-    /// The object by which the handle's coroutine is awaited.
+    /// The iterator by which the handle's coroutine is awaited.
     Handle(Py<PyIterator>),
-    /// A coroutine of the driver's, which does all that is left.
+    /// The iterator of a coroutine of the driver, which does the rest.
     Driver(Py<PyIterator>),
     Over,
 }
@@ -47,7 +48,7 @@ impl SourceCall {
         self.calls.get().timed(py, self.p, || self.step(py))?
     }
 
-    /// As `__next__`: nothing is sent to what a task runs.
+    /// Does the same as `__next__`, because a task never sends a value.
     fn send<'py>(
         &self,
         py: Python<'py>,
@@ -56,7 +57,7 @@ impl SourceCall {
         self.__next__(py)?.ok_or_else(|| PyStopIteration::new_err(()))
     }
 
-    /// Runs it to its next pause from an exception, such as its cancellation.
+    /// Throws an exception, such as a cancellation, into it, and runs it to its next pause.
     #[pyo3(signature = (*error))]
     fn throw<'py>(
         &self,
@@ -67,7 +68,7 @@ impl SourceCall {
         thrown?.ok_or_else(|| PyStopIteration::new_err(()))
     }
 
-    /// Ends it where it is.
+    /// Ends it at its current pause.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let (steps, is_handle) = match mem::replace(&mut *self.stage(), CallStage::Over) {
             CallStage::New(..) | CallStage::Over => return Ok(()),
@@ -94,7 +95,7 @@ impl SourceCall {
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         visit.call(&self.calls)?;
-        // Held, it is in the midst of a step.
+        // If the stage is locked, a step is under way.
         let Ok(stage) = self.stage.try_lock() else { return Ok(()) };
         match &*stage {
             CallStage::New(request, call) => {
@@ -120,7 +121,7 @@ impl SourceCall {
     }
 
     fn step<'py>(&self, py: Python<'py>) -> StepResult<'py> {
-        // None of Python's runs while the stage is held.
+        // No Python code runs while the stage is locked.
         let stage = mem::replace(&mut *self.stage(), CallStage::Over);
         let (steps, is_handle) = match stage {
             CallStage::New(request, call) => match self.begin(py, request, call) {
@@ -138,7 +139,7 @@ impl SourceCall {
     fn step_from<'py>(&self, py: Python<'py>, error: &Bound<'py, PyTuple>) -> StepResult<'py> {
         let stage = mem::replace(&mut *self.stage(), CallStage::Over);
         let (steps, is_handle) = match stage {
-            // As a coroutine that has not begun.
+            // A coroutine that has not begun does the same.
             CallStage::New(..) | CallStage::Over => {
                 return Err(PyErr::from_value(error.get_item(0)?));
             }
@@ -155,7 +156,7 @@ impl SourceCall {
         self.went(py, steps, is_handle, sent)
     }
 
-    /// The outcome of a step.
+    /// Handles the outcome of a step.
     fn went<'py>(
         &self,
         py: Python<'py>,
@@ -177,7 +178,8 @@ impl SourceCall {
         }
     }
 
-    /// Calls the handle; what it is awaited by, and whether that is its own coroutine.
+    /// Calls the handle. Returns the iterator that runs the call, and `true` if it is the handle's
+    /// own coroutine.
     fn begin<'py>(
         &self,
         py: Python<'py>,
@@ -216,7 +218,7 @@ impl SourceCall {
         Ok(None)
     }
 
-    /// Returns the result, and whether it is to be awaited.
+    /// Returns the result, and `true` if the result must be awaited.
     fn value_of<'py>(
         &self,
         py: Python<'py>,
@@ -246,7 +248,7 @@ impl SourceCall {
         Ok((value, is_awaitable))
     }
 
-    /// Turns an error of a call or of local into a failure, which no other message notices (D7).
+    /// Turns an error of a call or of local into a failure, which affects no other message (D7).
     fn failed<'py>(&self, py: Python<'py>, error: PyErr) -> StepResult<'py> {
         let arguments = (self.p, &self.t, error.into_value(py));
         self.driver(py).call_method1(intern!(py, "_failed"), arguments)?;
@@ -266,13 +268,13 @@ impl SourceCall {
     }
 }
 
-/// Returns the object by which a coroutine is awaited.
+/// Returns the iterator by which a coroutine is awaited.
 fn steps_of<'py>(coroutine: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyIterator>> {
     let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
     Ok(steps.cast_into::<PyIterator>()?)
 }
 
-/// Returns `true` if it is of a type that nobody need look at.
+/// Returns `true` if the value is of a type that needs no further checks.
 pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
     value.is_none()
         || value.is_exact_instance_of::<PyInt>()
@@ -285,7 +287,7 @@ pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
         || value.is_exact_instance_of::<PyBool>()
 }
 
-/// Returns whether the value has an awaitable's methods, or is a generator.
+/// Returns `true` if the value has an awaitable's methods or is a generator.
 fn may_be_awaitable(value: &Bound<'_, PyAny>, classes: &CallClasses) -> PyResult<bool> {
     if is_plain(value) {
         return Ok(false);

@@ -1,4 +1,4 @@
-//! The counts of an engine, as Python has them.
+//! The counts of an engine, in Python's form.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -17,10 +17,10 @@ pub(crate) struct PyCounting {
     counting: engine::Counting,
 }
 
-/// The operator or a source, what is counted about it, and what became of that.
+/// The operator or a source, what was counted, and its outcome.
 type CountKey = (String, &'static str, String);
 
-/// Counts about one.
+/// The counts about the operator or one source.
 struct PyCounts<'a> {
     of: &'a str,
     counts: &'a mut Vec<(CountKey, u64)>,
@@ -28,7 +28,7 @@ struct PyCounts<'a> {
 
 #[pymethods]
 impl PyCounting {
-    /// Returns the counts so far, also those that are 0, except reasons that nobody gave.
+    /// Returns the counts so far, including zeros, except reasons that nobody gave.
     fn counts(&self) -> Vec<(CountKey, u64)> {
         let mut counts = Vec::new();
         let tally = self.counting.tally();
@@ -39,7 +39,9 @@ impl PyCounting {
         counts
     }
 
-    /// Returns the deadline in force of each cloud that was offered a message: its name, the nanoseconds, and why.
+    /// Returns the deadline in force of each cloud that was offered a message.
+    ///
+    /// An entry is the cloud's name, the deadline in nanoseconds, and the reason.
     fn deadlines(&self) -> Vec<(String, u64, &'static str)> {
         let tally = self.counting.tally();
         let in_force = tally.sources.iter().filter_map(|source| {
@@ -49,25 +51,29 @@ impl PyCounting {
         in_force.collect()
     }
 
-    /// Counts a failed handler: the message handler of cloud `p`, or without `p` the one for situations.
+    /// Counts a failed handler: the message handler of cloud `p`, or the one for situations if `p`
+    /// is None.
     fn handler_failed(&self, p: Option<u16>) {
         self.counting.handler_failed(p);
     }
 
-    /// Counts a handler that ran for `lasted` nanoseconds without a pause, if the lag warning does
-    /// not allow as many. It belongs to source `p`, or without `p` to the operator.
+    /// Counts a handler that ran for `lasted` nanoseconds without a pause.
+    ///
+    /// A time that the lag warning allows is not counted. The handler belongs to source `p`, or to
+    /// the operator if `p` is None.
     fn check_handler_time(&self, p: Option<u16>, lasted: u64) {
         self.counting.check_handler_time(p, Duration::from_nanos(lasted));
     }
 
-    /// Returns the longest time that the loop was held up, in nanoseconds, or 0 if it never was for
-    /// longer than the warning allows.
+    /// Returns the longest time that the loop was held up, in nanoseconds.
+    ///
+    /// Returns 0 if it was never held up for longer than the warning allows.
     #[getter]
     fn greatest_lag(&self) -> u64 {
         nanos(self.counting.tally().greatest_lag)
     }
 
-    /// Returns the reason why the recording ended early, if it did.
+    /// Returns the reason that the recording ended early, if it did.
     #[getter]
     fn recording_error(&self) -> Option<String> {
         self.counting.tally().recording_error.as_deref().map(str::to_owned)
@@ -102,7 +108,7 @@ impl PyCounts<'_> {
         self.count("handler", "held up the loop", tally.held_up);
         self.count("policy", "failed", tally.policy_failures);
         self.count("result", "held", tally.held);
-        // A result that is forwarded as it comes is its message's output.
+        // A result that is forwarded on arrival is its message's output.
         let forwarded = tally.outputs.get(&Trigger::Arrival).copied();
         self.count("result", "forwarded", forwarded.unwrap_or(0));
         self.count("result", "preliminary", tally.preliminary);

@@ -1,4 +1,4 @@
-//! Items, as Python has them.
+//! Items, in Python's form.
 
 use fuseline_engine::{Ending, Forwarded, Item, Source, Trigger};
 use fuseline_traces::{Header, nanos};
@@ -9,13 +9,13 @@ use pyo3::types::PyList;
 
 static CLASSES: PyOnceLock<ItemClasses> = PyOnceLock::new();
 
-/// Makes an `Item` of each output.
+/// Creates an `Item` for each output.
 pub(crate) struct Effects {
-    /// Each source's priority, and its object once it was needed.
+    /// The priority of each source, and its object once it is needed.
     sources: Vec<(u16, PyOnceLock<Py<PyAny>>)>,
 }
 
-/// The package's classes of which an item consists (`_item.py`).
+/// The package's classes that make up an item (`_item.py`).
 struct ItemClasses {
     item: Py<PyAny>,
     source: Py<PyAny>,
@@ -95,7 +95,7 @@ impl Effects {
                 ))
             }
         }?;
-        // Few have them.
+        // Few items have these attributes.
         if let Some(age) = age {
             item.setattr(intern!(py, "age"), age.as_secs_f64())?;
         }

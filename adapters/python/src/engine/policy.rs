@@ -1,4 +1,5 @@
-//! The policies of an engine: the package's own, which decide without the interpreter, and any of Python's.
+//! The policies of an engine: the package's own, which decide without the interpreter, and any
+//! policy in Python.
 
 use std::panic::resume_unwind;
 use std::sync::Arc;
@@ -27,7 +28,7 @@ pub(crate) enum EnginePolicy {
     Constant(Constant),
     Guard(Box<deadline::Guard>),
     Expected(SharedExpected, PendingException, Traits),
-    /// The first is the cap of the second.
+    /// The first policy caps the second.
     Capped(Box<deadline::Capped<EnginePolicy, EnginePolicy>>),
     Python(Arc<Py<PyAny>>, PendingException, Traits),
 }
@@ -39,7 +40,7 @@ pub(crate) struct Traits {
     needs_linger: bool,
 }
 
-/// The package's classes that policies take and give (`deadline.py`).
+/// The package's classes that policies receive and return (`deadline.py`).
 struct PolicyClasses {
     situation: Py<PyAny>,
     answered: Py<PyAny>,
@@ -48,8 +49,8 @@ struct PolicyClasses {
 }
 
 impl EnginePolicy {
-    /// Makes a policy. A duration is a constant, and a pair is a cap and the policy that it caps. An
-    /// object of no class of the extension is a policy in Python.
+    /// Creates a policy. A duration is a constant, and a pair is a cap and the policy that it caps.
+    /// An object of any class that is not the extension's is a policy in Python.
     pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
         if AnswerClasses::get(policy.py())?.is_ns(policy.as_borrowed()) {
             let Nanos(deadline) = policy.extract()?;
@@ -75,7 +76,8 @@ impl EnginePolicy {
 }
 
 impl Traits {
-    /// Returns the requirements of a policy in Python, by the package's classes from which it derives.
+    /// Returns the requirements of a policy in Python, from the package's classes that it derives
+    /// from.
     fn of(policy: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = policy.py();
         let module = py.import("fuseline.deadline")?;
@@ -177,22 +179,23 @@ impl PolicyClasses {
     }
 }
 
-/// Calls Python.
+/// Calls Python, and handles its error.
 fn called<T>(interrupt: &PendingException, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> T {
     Python::attach(call).unwrap_or_else(|error| failed(interrupt, error))
 }
 
-/// Reports an error, also to the engine, as a policy that panics does: it catches that, and requests nothing.
+/// Reports an error and panics. The engine catches the panic of a policy and makes no request.
 fn failed(interrupt: &PendingException, error: PyErr) -> ! {
     Python::attach(|py| {
-        // Nothing of a policy's can be cancelled: it asked for the result of something that was.
+        // A policy has nothing that can be cancelled. This error means that it asked for the result
+        // of something that was.
         if error.is_instance_of::<PyException>(py) || error.is_instance_of::<CancelledError>(py) {
             logging::exception(py, "a policy failed", error);
         } else {
             interrupt.set(error);
         }
     });
-    // Unlike a panic it prints nothing.
+    // Unlike a panic, this prints nothing.
     resume_unwind(Box::new("a policy failed"))
 }
 
@@ -211,7 +214,7 @@ fn situation_of(py: Python<'_>, situation: &Situation<'_>) -> PyResult<Py<PyAny>
 }
 
 /// Reads an object with the attributes of `Chosen`. A plain int is nanoseconds, because arithmetic
-/// with an `ns` makes one.
+/// with an `ns` gives one.
 fn chosen(object: &Bound<'_, PyAny>) -> PyResult<Chosen> {
     let py = object.py();
     let given = object.getattr(intern!(py, "deadline"))?;
