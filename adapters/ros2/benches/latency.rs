@@ -1,9 +1,10 @@
-//! Measures what a node in the path costs: `cargo bench -p fuseline-ros2`; with `--features zenoh` over Zenoh too,
-//! in the same run, through a router.
+//! Measures the cost of a node in the path. Run `cargo bench -p fuseline-ros2`. With `--features
+//! zenoh` it also measures over Zenoh, in the same run, through a router.
 //!
-//! A camera and a cloud that answers at once, on loopback: joined directly, by a relay and by the node, in turns in one run.
-//! What the node adds is beyond the relay, which publishes images and results again as they come. Camera, cloud, subscriber,
-//! relay and node are processes of their own.
+//! A camera and a cloud that answers at once, on loopback, are joined directly, by a relay, and by
+//! the node, in turns in one run. The relay only publishes images and results again as they come,
+//! so the node's own cost is what it adds beyond the relay. Camera, cloud, subscriber, relay and
+//! node are separate processes.
 
 #[path = "../examples/demo/messages.rs"]
 mod messages;
@@ -33,29 +34,29 @@ use messages::{Any, CompressedImage, Header, PointStamped, Time};
 use ros::{Publisher, Subscription, is_over_zenoh, node_in, publisher, subscription};
 
 const DOMAIN: u16 = 88;
-/// A turn is `MESSAGES` messages by each way, of which the first `WARM_UP` do not count.
+/// A turn sends `MESSAGES` messages by each way. The first `WARM_UP` of them do not count.
 const TURNS: usize = 6;
 const MESSAGES: usize = 150;
 const WARM_UP: usize = 30;
 const RATE_HZ: u32 = 30;
 const SIZES: [usize; 2] = [100, 300_000];
-/// Longer than anything takes on the way.
+/// No message is under way for longer than this.
 const REST: Duration = Duration::from_secs(2);
 const PAUSE: Duration = Duration::from_millis(300);
 
 const IMAGE: &str = "sensor_msgs/CompressedImage";
 const POINT: &str = "geometry_msgs/PointStamped";
-/// The topics of images: the cloud's own, the relay's, and the node's.
+/// The input topics: the cloud's own, the relay's, and the node's.
 const INPUTS: [&str; 3] = ["direct/input", "relay/input", "input"];
 /// The topics to which the subscriber listens, in the same order.
 const OUTPUTS: [&str; 3] = ["direct/output", "relay/output", "output"];
-/// The relay's.
+/// The two hops of the relay: to the cloud and back.
 const HOPS: [relay::Hop; 2] = [
     ["relay/input", "relayed/input", "sensor_msgs::msg::dds_::CompressedImage_"],
     ["relayed/output", "relay/output", "geometry_msgs::msg::dds_::PointStamped_"],
 ];
 
-/// A process of this bench, killed with this.
+/// A process of this bench, which is killed when this is dropped.
 struct ChildProcess(Child);
 
 /// The instants at which results came, by the instants at which their images were sent, in
@@ -103,7 +104,7 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     let mut cameras = Vec::new();
     for input in INPUTS {
         let camera: Publisher<CompressedImage> = publisher(&mut node, input, IMAGE)?;
-        // Over Zenoh the relay does not show itself.
+        // Over Zenoh the relay cannot be seen.
         if !is_over_zenoh() || input != INPUTS[1] {
             camera.subscribed(&node).await;
         }
@@ -135,7 +136,7 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     Ok(())
 }
 
-/// The camera: stamps are the time of day. Returns them.
+/// Plays the camera and returns the stamps that it sent, which are the time of day.
 async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<Vec<i64>, Any> {
     let mut frames = interval(Duration::from_secs(1) / RATE_HZ);
     let mut sent = Vec::with_capacity(MESSAGES);
@@ -154,7 +155,7 @@ async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<Vec<i
     Ok(sent)
 }
 
-/// The cloud: answers each image at once.
+/// Plays the cloud, which answers each image at once.
 async fn echo(name: &str) -> Result<(), Any> {
     let mut node = node_in(DOMAIN, &format!("{name}_model"))?;
     let images: Subscription<CompressedImage> =
@@ -166,7 +167,7 @@ async fn echo(name: &str) -> Result<(), Any> {
     }
 }
 
-/// The subscriber: when its input ends, it writes what it received.
+/// Plays the subscriber. When its input ends, it writes what it received.
 async fn listen() -> Result<(), Any> {
     let mut node = node_in(DOMAIN, "subscriber")?;
     let topics: Vec<Subscription<PointStamped>> = OUTPUTS
@@ -180,7 +181,7 @@ async fn listen() -> Result<(), Any> {
             _ = &mut end => break,
             (index, point) = any_of(&topics) => {
                 let (PointStamped { header: Header { stamp, .. }, .. }, info) = point?;
-                // Zenoh does not say when it came.
+                // Zenoh does not report when a message came.
                 let now = SystemTime::now().to_nanos();
                 let sent = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec);
                 let received = info.received_timestamp().map_or(now, |time| time.to_nanos());
@@ -191,7 +192,7 @@ async fn listen() -> Result<(), Any> {
     Ok(stdout().write_all(lines.as_bytes())?)
 }
 
-/// The next message of one of these, and of which.
+/// Returns the next message on one of these topics, and the index of its topic.
 async fn any_of(
     topics: &[Subscription<PointStamped>],
 ) -> (usize, Result<(PointStamped, MessageInfo), Any>) {
@@ -200,10 +201,10 @@ async fn any_of(
     (index, next)
 }
 
-/// The median and the 99th percentile, in milliseconds, of what came.
+/// Returns the median and the 99th percentile of the times, in milliseconds.
 ///
 /// # Errors
-/// If one in ten or more did not come.
+/// Returns an error if one result in ten, or more, did not come.
 fn percentiles(mut nanos: Vec<i64>) -> Result<[f64; 2], Any> {
     let sent = TURNS * (MESSAGES - WARM_UP);
     let lost = sent.saturating_sub(nanos.len());
@@ -233,7 +234,7 @@ impl ChildProcess {
         Ok(Self(command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?))
     }
 
-    /// The node under measurement.
+    /// Starts the node under measurement.
     fn fusion() -> Result<Self, Any> {
         let domain = format!("domain_id:={DOMAIN}");
         let set = [
@@ -269,7 +270,7 @@ impl ChildProcess {
         Ok(received_by_stamp)
     }
 
-    /// Its processor time so far, user's and system's.
+    /// Returns its processor time so far, the user's and the system's.
     fn cpu(&self) -> Result<Duration, Any> {
         let stat = fs::read_to_string(format!("/proc/{}/stat", self.0.id()))?;
         let after_name = stat.rsplit_once(')').ok_or("no such process")?.1;

@@ -1,4 +1,5 @@
-//! A relay: what comes on one topic is published on another at once, unread. What the node costs beyond it is its own.
+//! A relay, which publishes at once and unread on one topic what comes on another. The node's own
+//! cost is what it costs beyond the relay.
 
 use std::net::Ipv4Addr;
 
@@ -10,7 +11,7 @@ use rustdds::{DomainParticipantBuilder, Duration, QosPolicyBuilder, TopicKind};
 use crate::messages::Any;
 use crate::raw::{Cdr, Payload};
 
-/// From which topic to which, and the type in DDS.
+/// The topic to read, the topic to write, and their type in DDS.
 pub(crate) type Hop = [&'static str; 3];
 
 /// Relays over DDS, with the quality of service of the node's topics, until the process is killed.
@@ -43,7 +44,8 @@ pub(crate) async fn over_dds(domain: u16, hops: [Hop; 2]) -> Result<(), Any> {
     std::future::pending().await
 }
 
-/// Relays over Zenoh until the process is killed: keys but for the topic, payloads and attachments stay as they are.
+/// Relays over Zenoh until the process is killed. Payloads, attachments, and the parts of keys
+/// other than the topic stay the same.
 #[cfg(feature = "zenoh")]
 pub(crate) async fn over_zenoh(domain: u16, hops: [Hop; 2]) -> Result<(), Any> {
     let config = crate::ros::over_zenoh::config("client", "connect/endpoints")?;

@@ -1,5 +1,5 @@
-//! A camera, a model on board and a model in a cloud, joined by `fuseline-ros2` on loopback: fusion,
-//! fallback while the cloud is dead, and recovery. Each part is a process of its own.
+//! A camera, a model on board and a model in a cloud, joined by `fuseline-ros2` on loopback. It
+//! shows fusion, fallback while the cloud is dead, and recovery. Each part is a process of its own.
 //!
 //! ```sh
 //! cargo run --release -p fuseline-ros2 --example demo
@@ -30,7 +30,7 @@ const RATE_HZ: u32 = 10;
 const IMAGE_BYTES: usize = 33_000;
 const LOCAL: Model = Model { name: "local", takes: Duration::from_millis(80) };
 const WEST: Model = Model { name: "west", takes: Duration::from_millis(30) };
-/// The seconds after which the cloud is killed, is started again, and all ends.
+/// The seconds after which the cloud is killed, starts again, and everything ends.
 const DIES: u64 = 4;
 const RETURNS: u64 = 8;
 const ENDS: u64 = 14;
@@ -70,7 +70,7 @@ struct DiagnosticStatus {
     _values: Vec<[String; 2]>,
 }
 
-/// A process of this demo; killed with it.
+/// A process of this demo, which is killed when this is dropped.
 struct ChildProcess(Child);
 
 fn main() -> Result<(), Any> {
@@ -104,7 +104,7 @@ fn main() -> Result<(), Any> {
     }
 }
 
-/// Starts all parts, is the camera, and prints what is sent.
+/// Starts all parts, plays the camera, and prints what the node sends.
 async fn direct() -> Result<(), Any> {
     let folder = tempfile::tempdir()?;
     let trace = folder.path().join("run.jsonl");
@@ -153,7 +153,7 @@ async fn direct() -> Result<(), Any> {
             Ok((array, _)) = diagnostics.take() => book.state(array),
         }
     }
-    // The last ones are on their way.
+    // The last outputs are still on their way.
     while book.unanswered() > 0 {
         match timeout(Duration::from_millis(500), output.take()).await {
             Ok(Ok((point, _))) => book.output(&point.header),
@@ -167,7 +167,7 @@ async fn direct() -> Result<(), Any> {
     Ok(())
 }
 
-/// The node, with a parameter file as users have it.
+/// Starts the node with a parameter file such as users write.
 fn fusion(folder: &Path, trace: &Path) -> Result<ChildProcess, Any> {
     let parameters = folder.join("fusion.yaml");
     fs::write(&parameters, PARAMETERS)?;
@@ -179,10 +179,10 @@ fn fusion(folder: &Path, trace: &Path) -> Result<ChildProcess, Any> {
     ChildProcess::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
 }
 
-/// Records what was sent, what came, and how the node reported west.
+/// Records the images that were sent, the outputs that came, and how the node reported west.
 struct ImageLog {
     start: Instant,
-    /// The instant at which each image was taken, by its stamp, and the number of its outputs.
+    /// For each image by its stamp, when it was taken, and the number of its outputs.
     images: BTreeMap<(i32, u32), (Instant, u32)>,
     inputs: u32,
     of_west: u32,
@@ -198,7 +198,7 @@ impl ImageLog {
         Self { start, images, inputs: 0, of_west: 0, of_local: 0, took, state }
     }
 
-    /// The stamp of an image that is taken now.
+    /// Records an image that is taken now, and returns its stamp.
     fn stamp(&mut self) -> Result<Time, Any> {
         let now = self.start.elapsed();
         let stamp = Time { sec: i32::try_from(now.as_secs())?, nanosec: now.subsec_nanos() };
@@ -226,7 +226,7 @@ impl ImageLog {
         }
     }
 
-    /// Prints a second, and begins the next.
+    /// Prints the line of a second, and begins the next one.
     fn print(&mut self, second: u64) {
         self.took.sort();
         let p50 = self.took.get(self.took.len() / 2).map_or(0, Duration::as_millis);
@@ -247,7 +247,7 @@ impl ImageLog {
     }
 }
 
-/// A node that computes something of each image, as many at once as come.
+/// Runs a node that computes something for each image, for all images at once.
 async fn model(model: &Model) -> Result<(), Any> {
     let mut node = node_in(domain(), model.name)?;
     let (input, output) = (format!("{}/input", model.name), format!("{}/output", model.name));
@@ -279,7 +279,7 @@ impl ChildProcess {
         Ok(Self(command.spawn()?))
     }
 
-    /// Asks it to end, and waits.
+    /// Asks it to end, and waits for that.
     fn stop(mut self) -> Result<(), Any> {
         let id = Pid::from_raw(i32::try_from(self.0.id())?).ok_or("no such process")?;
         kill_process(id, Signal::TERM)?;
@@ -295,7 +295,7 @@ impl Drop for ChildProcess {
     }
 }
 
-/// Returns what the judge says of the trace.
+/// Returns the judge's verdict on the trace.
 fn judge(trace: &Path) -> Result<String, Any> {
     let lines = BufReader::new(File::open(trace)?);
     let verdict = fuseline_traces::judge("the run", lines)?;
@@ -303,7 +303,7 @@ fn judge(trace: &Path) -> Result<String, Any> {
     Ok(format!("{word}: {} messages judged in {} lines", verdict.judged, verdict.lines))
 }
 
-/// The domain of all parts: one that nobody else is likely to be in.
+/// Returns the domain of all parts, in which nobody else is likely to be.
 fn domain() -> u16 {
     env::var("ROS_DOMAIN_ID").ok().and_then(|domain| domain.parse().ok()).unwrap_or(87)
 }

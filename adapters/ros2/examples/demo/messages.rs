@@ -1,4 +1,4 @@
-//! Messages as `.msg` files have them.
+//! Messages in the form of `.msg` files.
 
 use std::error::Error;
 

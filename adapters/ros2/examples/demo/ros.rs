@@ -1,4 +1,4 @@
-//! ROS nodes of this machine alone, over DDS or over Zenoh.
+//! ROS nodes that communicate only on this host, over DDS or over Zenoh.
 
 use std::net::Ipv4Addr;
 use std::time::Duration;
@@ -13,10 +13,10 @@ use tokio::time::timeout;
 
 use crate::messages::Any;
 
-/// A peer that is missing is looked for again after this time.
+/// The time after which a wait for a missing peer starts again.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// A ROS node of this machine alone.
+/// A ROS node that communicates only on this host.
 #[cfg_attr(feature = "zenoh", expect(clippy::large_enum_variant, reason = "a process has few"))]
 pub(crate) enum Node {
     Dds(dds::Node),
@@ -110,7 +110,8 @@ impl<M: Serialize> Publisher<M> {
     /// Waits until somebody subscribes.
     pub(crate) async fn subscribed(&self, node: &Node) {
         match (self, node) {
-            // It may miss who comes while the host is busy; a new wait looks at first who is there.
+            // A wait may miss a subscriber while the host is busy. A new wait first looks at which
+            // subscribers are there.
             (Self::Dds(publisher), Node::Dds(node)) => {
                 while timeout(AGAIN, publisher.wait_for_subscription(node)).await.is_err() {}
             }
@@ -147,7 +148,7 @@ fn quality() -> QosProfile {
         .history(History::KeepLast { depth: 10 })
 }
 
-/// Nodes of Zenoh, which meet through a router of their own.
+/// Nodes over Zenoh, which meet through a router of their own.
 #[cfg(feature = "zenoh")]
 pub(crate) mod over_zenoh {
     use ros2_client::zenoh::{Context, ContextOptions, Node};
@@ -156,11 +157,11 @@ pub(crate) mod over_zenoh {
 
     use crate::messages::Any;
 
-    /// The address of the router. It differs from the default, at which a router of the user's own
-    /// may listen.
+    /// The address of the router. It differs from the default address, where a router of the user's
+    /// own may listen.
     const ROUTER: &str = "[\"tcp/127.0.0.1:7487\"]";
 
-    /// By which the node under test finds it.
+    /// Returns the variable by which the node under test finds the router.
     pub(crate) fn variable() -> (&'static str, String) {
         ("ZENOH_CONFIG_OVERRIDE", format!("connect/endpoints={ROUTER}"))
     }
@@ -170,7 +171,7 @@ pub(crate) mod over_zenoh {
         config.insert_json5("mode", &format!("\"{mode}\""))?;
         config.insert_json5(endpoints, ROUTER)?;
         config.insert_json5("scouting/multicast/enabled", "false")?;
-        // The router begins at the same time.
+        // The router starts at the same time.
         config.insert_json5("connect/timeout_ms", "10000")?;
         Ok(config)
     }
@@ -183,7 +184,7 @@ pub(crate) mod over_zenoh {
         context.new_node(name, options).map_err(|error| error.to_string().into())
     }
 
-    /// Is the router until the process is killed.
+    /// Runs the router until the process is killed.
     pub(crate) async fn route() -> Result<(), Any> {
         let _session = zenoh::open(config("router", "listen/endpoints")?).wait()?;
         std::future::pending().await

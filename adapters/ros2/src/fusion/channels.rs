@@ -27,7 +27,7 @@ pub(crate) struct InputChannels<'a> {
 }
 
 impl NodeFusion<'_> {
-    /// Returns `true` if messages are taken in.
+    /// Returns `true` if the node accepts messages.
     pub(super) fn is_active(&self) -> bool {
         self.orders.as_ref().is_none_or(|orders| orders.is_active)
     }
@@ -42,7 +42,7 @@ impl NodeFusion<'_> {
             .map(|order| orders.obey(order).then_some(Incoming::Last))
     }
 
-    /// Takes a sample of the input topic: it is a message if it has a key that no remembered
+    /// Takes a sample of the input topic. It is a message if it has a key that no remembered
     /// message has.
     pub(super) fn take(&mut self, sample: ReceivedPayload) -> Option<Incoming<Payload, Payload>> {
         let LoopState { stamps, next, intake, .. } = &mut self.memory;
@@ -77,7 +77,7 @@ impl NodeFusion<'_> {
         Some(Incoming::Message { timestamp, message })
     }
 
-    /// Takes a sample of a source's topic: it is a result if it has the key of a message.
+    /// Takes a sample of a source's topic. It is a result if it has the key of a message.
     pub(super) fn result(
         &mut self,
         index: usize,
@@ -102,12 +102,12 @@ impl NodeFusion<'_> {
         Some(Incoming::Completion(Completion {
             priority: source.priority,
             timestamp,
-            // D2: the stamp is the result's own.
+            // The stamp is the result's own (D2).
             result: Ok(StampedValue { value: payload, of: Some(timestamp), meant_for: None }),
         }))
     }
 
-    /// Sets the deadline that the environment decides: `std_msgs/msg/Float64`, seconds.
+    /// Sets the deadline that the environment decides, in seconds as `std_msgs/msg/Float64`.
     pub(super) fn environment(&mut self, sample: ReceivedPayload) {
         let decided = sample.ok().and_then(|payload| {
             let bytes = *payload.body.first_chunk()?;
@@ -136,7 +136,7 @@ impl NodeFusion<'_> {
         }
     }
 
-    /// Applies a parameter that was set.
+    /// Applies a parameter that the user set.
     pub(super) fn change(&mut self, change: Change) {
         info!(?change, "parameter set");
         match change {
@@ -148,14 +148,14 @@ impl NodeFusion<'_> {
             Change::CloudEnabled(cloud, enabled) => {
                 self.sources[LOCAL + 1 + cloud].enabled = enabled;
             }
-            // ROS sees to it: it stamps what the voice publishes.
+            // ROS itself applies this, because it stamps what the node publishes.
             Change::SimTime(_) => {}
         }
     }
 
     pub(crate) fn report(&mut self) {
         let LoopState { intake, reporter, .. } = &mut self.memory;
-        // Once a period: a camera that sets no stamp would fill the log.
+        // This warns once a period, because a camera that sets no stamp would fill the log.
         if let Some(why) = reporter.unread(*intake) {
             warn!("{why}");
         }

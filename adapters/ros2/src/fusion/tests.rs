@@ -1,5 +1,5 @@
-//! The loop without DDS, on a clock that stands still until everybody sleeps: an operator on topics
-//! does with a script what an operator on streams does.
+//! The loop without DDS, on a clock that stands still until everybody sleeps. For the same script,
+//! an operator on topics does the same as an operator on streams.
 
 mod node;
 mod policy;
@@ -26,7 +26,7 @@ enum SourceAction {
     Answers(u64),
     Fails(u64),
     Panics(u64),
-    /// Nothing comes.
+    /// No result comes.
     Loses,
 }
 use SourceAction::{Answers, Fails, Loses, Panics};
@@ -38,13 +38,13 @@ type Plan = fn(u64) -> SourceAction;
 #[derive(Clone)]
 struct Script {
     local: Plan,
-    /// Clouds of priority 1, 2…: each with its deadline in milliseconds and what it does.
+    /// Clouds of priority 1, 2, …, each with its deadline in milliseconds and its plan.
     clouds: Vec<(u64, Plan)>,
     /// The instants at which messages come, in milliseconds.
     messages: Vec<u64>,
 }
 
-/// The value names who computed it, for which message, and when it was requested.
+/// Returns a value that names its source, its message, and when it was requested.
 fn value(source: &str, t: u64, requested: Duration) -> String {
     format!("{source}'s of {t}, asked at {} ms", requested.as_millis())
 }
@@ -71,12 +71,12 @@ async fn compute(
     Ok(value)
 }
 
-/// Names for clouds.
+/// Returns a cloud's name.
 fn name(priority: u16) -> String {
     format!("cloud{priority}")
 }
 
-/// A script on streams, with what the node has by default.
+/// A script on streams, with the defaults of the node.
 struct OnStreams(Script, Instant);
 
 impl Operator for OnStreams {
@@ -141,7 +141,7 @@ async fn on_topics(script: &Script, commit: Commit) -> Vec<String> {
     node.lines()
 }
 
-/// Plays it on both and compares each with what is expected.
+/// Plays a script on streams and on topics, and compares both with the expected lines.
 async fn play(script: Script, expected: &[&str]) {
     play_under(Commit::Eager, script, expected).await;
 }
@@ -195,7 +195,8 @@ async fn local_that_says_nothing_is_missed_at_its_limit() {
     play(script, &["1000 ms: 0 missed", "1005 ms: 1 missed"]).await;
 }
 
-/// D1, F9: better ones on a topic of their own, and on the output's one for each message.
+/// Better results go to a topic of their own, and each message has one output on the output's topic
+/// (D1, F9).
 #[tokio::test(start_paused = true)]
 async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output() {
     let clouds: Vec<(u64, Plan)> = vec![
@@ -217,8 +218,9 @@ async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output()
 
 #[tokio::test(start_paused = true)]
 async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
-    // Local is killed at 1 s and back at 2 s; what it was sent meanwhile is gone. Four are at once,
-    // as by default. The cloud answers all the same, so that no timer of the rules shows it.
+    // Local is killed at 1 s and is back at 2 s. Everything that it was sent meanwhile is lost. As
+    // by default, it computes four messages at once. The cloud answers all the same, so no timer of
+    // the rules reveals the loss.
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
     node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;
     node.until(999).await;
@@ -239,7 +241,7 @@ async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
     }
     let tally = node.tally();
     assert!(tally.sources[0].lost >= 4, "{}", tally.sources[0].lost);
-    // The node said so, and that it is well at the end.
+    // The node reported the loss, and at the end that all is well.
     let reported_lines = node.reported_lines();
     let locals = reported_lines.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
     let messages: Vec<_> = locals.map(|status| status.message.clone()).collect();
@@ -265,8 +267,8 @@ async fn a_call_is_dropped_when_its_timer_fires_when_it_is_cancelled_and_at_the_
     assert_eq!(node.dropped.lock().unwrap().len(), 6, "calls outlive the loop");
 }
 
-/// D2: the first message is missed at 50 ms, and local's result for it comes at 60 ms. A message of 55 ms under the same
-/// key would be sent that value.
+/// The first message is missed at 50 ms, and local's result for it comes at 60 ms. Without the
+/// check, that value would be sent for a message of 55 ms with the same key (D2).
 #[tokio::test(start_paused = true)]
 async fn repeated_stamp_gets_no_stale_value() {
     let more = ["-p", "local.deadline:=0.05"];
@@ -295,7 +297,7 @@ async fn repeated_stamp_gets_no_stale_value() {
 
 #[tokio::test(start_paused = true)]
 async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
-    // It has no deadline of its own.
+    // The cloud has no deadline of its own.
     let node = Node::start(|_| Answers(10), &[(0, |_| Loses)]);
     node.feed(0, [0]).await;
     node.until(1).await;
@@ -331,7 +333,8 @@ async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
     assert_eq!(node.lines(), ["60 ms: 0 missed"]);
 }
 
-/// E2, E3.
+/// A request ends as long before the end-to-end deadline as the reserve is, and local ends with it
+/// (E2, E3).
 #[tokio::test(start_paused = true)]
 async fn a_request_ends_where_the_reserve_begins_and_local_with_the_end_to_end_deadline() {
     let budget = ["-p", "within:=0.2", "-p", "reserve:=0.05"];
@@ -365,7 +368,7 @@ async fn local_fails_at_once_while_nobody_listens_to_it() {
 async fn a_flood_of_results_keeps_no_message_from_its_turn() {
     let node = Node::start(|_| Answers(20), &[]);
     let results = node.results.clone();
-    // It never lets the channel run empty.
+    // The channel never runs empty.
     let flood = tokio::spawn(async move {
         while results.send((LOCAL, Ok(payload(999, "stray")))).await.is_ok() {
             if results.capacity() > 32 {
@@ -382,7 +385,7 @@ async fn a_flood_of_results_keeps_no_message_from_its_turn() {
     assert_eq!(node.lines().len(), 1);
 }
 
-/// D16 as set: `lifecycle`.
+/// With `lifecycle` the node is managed (D16).
 #[tokio::test(start_paused = true)]
 async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_it_before_it_is_closed()
  {

@@ -1,4 +1,4 @@
-//! A node on topics of this process, in a test's hands.
+//! A node on topics within this process, which a test drives.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::sync::{Mutex, MutexGuard};
@@ -18,7 +18,7 @@ use crate::report::DiagnosticStatus;
 use crate::settings::Settings;
 use crate::source::{Handle, UnmatchedResults};
 
-/// A topic in this process: what is published goes to whoever models its subscriber.
+/// A topic within this process. Published payloads go to the model of its subscriber.
 struct Topic {
     subscriber: mpsc::UnboundedSender<Payload>,
     matched: Arc<AtomicUsize>,
@@ -45,7 +45,7 @@ fn topic(name: &str) -> (Topic, mpsc::UnboundedReceiver<Payload>) {
     (Topic { subscriber, matched: Arc::new(AtomicUsize::new(1)), end }, published)
 }
 
-/// A message: its key, then text.
+/// Returns a message: its key, then text.
 pub(super) fn payload(key: u64, text: &str) -> Payload {
     let mut body = key.to_le_bytes().to_vec();
     body.extend_from_slice(text.as_bytes());
@@ -67,10 +67,10 @@ pub(super) struct NodeOutput {
     pub(super) diagnostics: Vec<Vec<DiagnosticStatus>>,
 }
 
-/// The node's ears and mouth, in a test's hands.
+/// Receives what the node publishes, for a test.
 struct Publication {
     reported_lines: Arc<Mutex<NodeOutput>>,
-    /// Outputs, and revisions.
+    /// The outputs, and the revisions.
     published: Mutex<[mpsc::UnboundedReceiver<Payload>; 2]>,
     start: Instant,
 }
@@ -106,7 +106,7 @@ impl PublishStatus for Publication {
     }
 }
 
-/// A node on topics whose local is a model behind topics and whose clouds are called.
+/// A node on topics. Its local is a model behind topics, and its clouds are called.
 pub(super) struct Node {
     pub(super) start: Instant,
     pub(super) inputs: mpsc::Sender<ReceivedPayload>,
@@ -115,25 +115,25 @@ pub(super) struct Node {
     pub(super) speeds: mpsc::Sender<ReceivedPayload>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
     orders: mpsc::Sender<LifecycleRequest>,
-    /// Local's subscriber count.
+    /// The number of local's subscribers.
     pub(super) local: Arc<AtomicUsize>,
-    /// True if requests to local get lost.
+    /// `true` if requests to local are lost.
     pub(super) is_deaf: Arc<AtomicBool>,
     pub(super) reported_lines: Arc<Mutex<NodeOutput>>,
     pub(super) counting: Counting,
-    /// Dropped calls, by priority, with when.
+    /// The calls that ended or were dropped, by priority, with the time in milliseconds.
     pub(super) dropped: Drops,
     pub(super) hints: Hints,
     pub(super) running: tokio::task::JoinHandle<()>,
 }
 
-/// Calls that ended or were dropped, by priority, with when.
+/// The calls that ended or were dropped, by priority, with the time in milliseconds.
 type Drops = Arc<Mutex<Vec<(u16, u128)>>>;
 
-/// Late results that were published, with when.
+/// The late results that were published, with the time in milliseconds.
 type Hints = Arc<Mutex<Vec<(u128, Payload)>>>;
 
-/// Notes when a call ends or is dropped.
+/// Records when a call ends or is dropped.
 struct Guard(Drops, u16, Instant);
 
 impl Drop for Guard {
@@ -152,7 +152,7 @@ pub(super) struct Publications {
     pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
-/// By what it receives them.
+/// The channels on which a node receives.
 pub(super) struct Subscription {
     inputs: mpsc::Receiver<ReceivedPayload>,
     results: mpsc::Receiver<(usize, ReceivedPayload)>,
@@ -180,7 +180,7 @@ pub(super) fn mouths() -> (Publications, Subscription) {
     (Publications { inputs, results, deadlines, speeds, changes, orders }, subscription)
 }
 
-/// Starts the shipped loop over these topics, whose messages begin with their key.
+/// Runs the shipped loop over these topics. Their messages begin with their keys.
 pub(super) fn run(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
@@ -241,7 +241,7 @@ pub(super) fn run(
     })
 }
 
-/// The settings of a node with this many clouds.
+/// Returns the settings of a node with this many clouds.
 pub(super) fn settings(clouds: usize, more: &[&str]) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
     let mut args = vec![
@@ -266,7 +266,7 @@ pub(super) fn settings(clouds: usize, more: &[&str]) -> Settings {
     Settings::from(&arguments, |_| None).unwrap()
 }
 
-/// The clouds of a node, which are called.
+/// Returns the clouds of a node, which are called.
 fn called(
     settings: &Settings,
     clouds: &[(u64, Plan)],
@@ -355,7 +355,7 @@ impl Node {
         }
     }
 
-    /// Messages at these milliseconds, with keys from the first's on.
+    /// Sends messages at these milliseconds, with rising keys from `first` on.
     pub(super) async fn feed(&self, first: u64, messages: impl IntoIterator<Item = u64>) {
         for (t, ms) in (first..).zip(messages) {
             sleep_until(self.start + Duration::from_millis(ms)).await;
@@ -363,7 +363,7 @@ impl Node {
         }
     }
 
-    /// Orders a managed node to change its state; the answer has the result.
+    /// Orders a managed node to change its state. The returned channel receives the result.
     pub(super) async fn publish_report(
         &self,
         task: LifecycleTask,
@@ -390,7 +390,7 @@ impl Node {
     }
 }
 
-/// Notes what is published.
+/// Records what is published.
 async fn note(mut published: mpsc::UnboundedReceiver<Payload>, hints: Hints, start: Instant) {
     while let Some(hint) = published.recv().await {
         hints.lock().unwrap().push((start.elapsed().as_millis(), hint));
@@ -417,7 +417,7 @@ async fn model(
     }
 }
 
-/// A cloud that is called.
+/// Returns the handle of a cloud that is called.
 fn cloud(priority: u16, plan: Plan, dropped: Drops, start: Instant) -> Handle {
     Arc::new(move |request: Payload, call: Call| {
         let guard = Guard(Arc::clone(&dropped), priority, start);

@@ -1,8 +1,8 @@
-//! Deadlines that are chosen, and what comes too late for them.
+//! Deadlines that a policy chooses, and results that come too late for them.
 
 use super::*;
 
-/// A cloud's values in the last diagnostics.
+/// Returns a cloud's values in the last diagnostics.
 fn values_of(node: &Node, part: &str) -> Vec<(String, String)> {
     let reported_lines = node.reported_lines();
     let statuses = reported_lines.diagnostics.last().unwrap();
@@ -27,7 +27,7 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_th
     publish_report(20.0).await;
     node.feed(1, [1010]).await;
     node.until(2600).await;
-    // Nothing was received for longer than half a second: nothing is known, and nothing is risked.
+    // No speed was received for longer than half a second, so it is unknown, and nothing is risked.
     node.feed(2, [2610]).await;
     node.until(4500).await;
     let expected = [
@@ -48,7 +48,7 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_th
 async fn d16_an_expecting_node_waits_no_longer_for_a_cloud_that_is_gone_until_it_returns() {
     let more = "-p policy:=expected -p policy.local_response:=0.02 -p policy.probe_every:=8";
     let more: Vec<_> = more.split(' ').collect();
-    // It is gone from message 80 to message 179; ten messages a second.
+    // The cloud is gone from message 80 to message 179, at ten messages a second.
     let act = |t| if (80..180).contains(&t) { Loses } else { Answers(60) };
     let node = Node::start_with(|_| Answers(20), &[(90, act)], &more);
     node.feed(0, (0..300).map(|t| 100 * t)).await;
@@ -60,7 +60,7 @@ async fn d16_an_expecting_node_waits_no_longer_for_a_cloud_that_is_gone_until_it
         lines[usize::try_from(t).unwrap()].starts_with(&line)
     };
     assert!((64..80).all(|t| ends(t, "cloud1", 60)), "{lines:#?}");
-    // After 64 ends without an answer one message in eight waits, for the 90 ms that it may.
+    // After 64 ends without an answer, one message in eight waits for the 90 ms that it may take.
     assert!((144..180).all(|t| ends(t, "local", 20) || ends(t, "local", 90)), "{lines:#?}");
     assert!((3..=5).contains(&(144..180).filter(|t| ends(*t, "local", 90)).count()), "{lines:#?}");
     assert!((252..300).all(|t| ends(t, "cloud1", 60)), "{lines:#?}");
@@ -68,7 +68,7 @@ async fn d16_an_expecting_node_waits_no_longer_for_a_cloud_that_is_gone_until_it
 
 #[tokio::test(start_paused = true)]
 async fn late_results_are_hints_on_a_topic_of_their_own_byte_for_byte_and_no_outputs() {
-    // The third lingers for too long.
+    // The third result lingers for too long.
     let lower =
         |t| [Answers(140), Answers(90), Answers(250), Answers(10)][usize::try_from(t).unwrap()];
     let best = |t| [Loses, Answers(80), Loses, Answers(5)][usize::try_from(t).unwrap()];

@@ -1,8 +1,9 @@
-//! The node's loop in virtual time, on topics that lose, delay, double and reorder what they carry, with peers that die and
-//! come back and parameters that are set meanwhile.
+//! The node's loop in virtual time. The topics lose, delay, duplicate and reorder messages, peers
+//! die and come back, and parameters are set meanwhile.
 //!
-//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; instead of the middleware there
-//! are the channels by which the node receives it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
+//! A seed determines a [`Scenario`]. The shipped loop, engine and recorder play it. In place of the
+//! middleware there are the channels by which the node receives from it. Each check is a test, on
+//! the same seeds. To play fresh seeds, or one of them again:
 //!
 //! ```sh
 //! SIMULATED_SECONDS=60 cargo test -p fuseline-ros2 --lib fresh_seeds -- --nocapture
@@ -31,23 +32,23 @@ use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
 
-/// This many seeds from 0 on show everything that a seeded fault was ever caught by.
+/// Every check that ever caught a seeded fault catches it within this many seeds from 0 on.
 const SEEDS: u64 = 200;
 
-/// A run takes some milliseconds.
+/// A run takes some milliseconds. A run that takes longer than this hangs.
 const HANGS: Duration = Duration::from_secs(20);
 
-/// The check that a run breaks which has no end.
+/// The check that a run without end breaks.
 const ENDS: &str = "d8_everything_ends";
 
-/// Seeds that ever failed: they are played first.
+/// Seeds that ever failed, which are played first.
 const KEPT: [u64; 0] = [];
 
 /// The sums over the seeds.
 #[derive(Default)]
 struct Sum {
     broken: BrokenChecks,
-    /// The number of runs that came to each kind of ending.
+    /// The number of runs that had each kind of ending.
     kinds: BTreeMap<&'static str, usize>,
 }
 
@@ -59,7 +60,7 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
         for kind in kinds {
             *sum.kinds.entry(kind).or_default() += 1;
         }
-        // A run that hangs goes on in its thread.
+        // A run that hangs continues in its thread.
         if sum.broken.has(ENDS) {
             break;
         }
@@ -67,18 +68,18 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
     sum
 });
 
-/// Returns what does not hold of a run, and what it came to.
+/// Returns the checks that a run breaks, and its kinds of endings.
 fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
     let (publish_report, ended) = mpsc::channel();
     let scenario = scenario.clone();
-    // In a loop that never sleeps no virtual time passes, so real time decides.
+    // No virtual time passes in a loop that never sleeps, so real time decides.
     thread::spawn(move || {
         let played = play(&scenario);
         let reported = match Facts::new(&scenario, &played) {
             Ok(facts) => (facts.findings(), facts.kinds()),
             Err(reason) => (vec![Finding { check: "d10_whole_trace", reason }], BTreeSet::new()),
         };
-        // Nobody listens any more if it took too long.
+        // If the run took too long, nobody listens.
         let _ = publish_report.send(reported);
     });
     ended.recv_timeout(HANGS).unwrap_or_else(|_| {
@@ -91,7 +92,7 @@ fn holds(check: &str) {
     SUM.broken.holds(CHECKS, check);
 }
 
-/// The seed's run, a smallest one that breaks the same, and why.
+/// Describes the seed's run, a smallest run that breaks the same check, and the reason.
 fn reported(seed: u64, finding: &Finding) -> String {
     if finding.check == ENDS {
         return format!(
@@ -111,79 +112,84 @@ fn reported(seed: u64, finding: &Finding) -> String {
     reported
 }
 
-/// D1: each input is taken in, and leads to one status and at most one output, unless it has no key or that of an open message.
+/// Each input is accepted and leads to one status and at most one output, unless it has no key or
+/// the key of an open message (D1).
 #[test]
 fn d1_each_input_leads_to_one_status() {
     holds("d1_one_item");
 }
 
-/// D2: an output and a hint are what their source sent for their message, byte for byte.
+/// An output or a hint is what its source sent for its message, byte for byte (D2).
 #[test]
 fn d2_an_output_is_what_its_source_sent() {
     holds("d2_its_own_value");
 }
 
-/// D3: the strict judge finds nothing, and statuses and outputs are its decisions.
+/// The strict judge finds nothing, and statuses and outputs are the trace's decisions (D3).
 #[test]
 fn d3_the_rules_decide_on_topics() {
     holds("d3_the_rules_decide");
 }
 
-/// D4: the backlog of an offer is what waits for its cloud.
+/// The backlog of an offer is the number of requests that wait for its cloud (D4).
 #[test]
 fn d4_backlogs_are_what_waits() {
     holds("d4_true_backlog");
 }
 
-/// D8: the node ends when it is stopped, and answers what is open before.
+/// A node that is stopped answers its open messages, and then ends (D8).
 #[test]
 fn d8_a_node_that_is_to_end_ends() {
     holds("d8_everything_ends");
 }
 
-/// D8: nothing is kept once the node has ended.
+/// No message and no result is kept after the node has ended (D8).
 #[test]
 fn d8_nothing_of_a_run_is_left() {
     holds("d8_nothing_is_left");
 }
 
-/// D10: the trace is whole.
+/// The trace is whole (D10).
 #[test]
 fn d10_the_trace_of_a_node_is_whole() {
     holds("d10_whole_trace");
 }
 
-/// D11: tally and trace agree.
+/// Tally and trace agree (D11).
 #[test]
 fn d11_a_node_has_one_account() {
     holds("d11_one_account");
 }
 
-/// D13: once the network is well again, each message is answered by the best, whatever was lost before.
+/// Once the network works again, the best source answers each message, whatever was lost before
+/// (D13).
 #[test]
 fn d13_what_was_lost_costs_nothing_later() {
     holds("d13_lost_words");
 }
 
-/// D14: what has no key, or the key of no message, is not taken in.
+/// A message without a readable key, or a result without the key of a message, is not accepted
+/// (D14).
 #[test]
 fn d14_what_has_no_key_is_counted_and_no_more() {
     holds("d14_its_own_topic");
 }
 
-/// D15: diagnostics report what was missed, refused and not sent with the right level, and nothing else.
+/// Diagnostics report messages that were missed, refused or not sent, with the right level, and
+/// nothing else (D15).
 #[test]
 fn d15_levels_are_those_of_what_happened() {
     holds("d15_reported");
 }
 
-/// D16: deadlines, clouds that are enabled, and the state of a managed node are as they were set when a message came.
+/// A message gets the deadlines, the enabled clouds and the lifecycle state that were set when it
+/// came (D16).
 #[test]
 fn d16_what_is_set_holds_for_the_next_message() {
     holds("d16_as_set");
 }
 
-/// No check is without its test here.
+/// Each check has a test here.
 #[test]
 fn every_check_has_a_test() {
     let here = include_str!("simulated.rs");
@@ -215,7 +221,7 @@ fn a_smallest_run_has_what_breaks_it_and_no_more() {
     assert_eq!((smallest.window, smallest.waiting), (16, 64), "{smallest}");
 }
 
-/// The scenarios that the tests play lead to each kind of ending.
+/// The scenarios of these tests lead to each kind of ending.
 #[test]
 fn the_seeds_come_to_each_kind_of_ending() {
     for kind in facts::KINDS {
@@ -256,12 +262,12 @@ fn fresh_seeds() {
         return;
     }
     let took = start.elapsed().as_secs_f64();
-    // Printed also when all tests run.
+    // This is printed even if all tests run.
     let reported = format!("seeds {first} to {}: {inputs} inputs in {took:.1} s", next - 1);
     writeln!(io::stderr(), "{reported}").unwrap();
 }
 
-/// A seed by chance, short enough to be read aloud.
+/// Returns a random seed that is short enough to be read aloud.
 fn by_chance() -> u64 {
     Rng::by_chance().u64(0..1_000_000_000)
 }

@@ -1,4 +1,4 @@
-//! Checks that must hold of every run, by name.
+//! The checks that must hold for every run, by name.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,9 +16,9 @@ use crate::report::DiagnosticStatus;
 
 type HoldsFor = fn(&Facts<'_>) -> Result<(), String>;
 
-/// All of them.
+/// All checks.
 pub(super) const CHECKS: &[Check<HoldsFor>] = &[
-    // A run that has no end, and a trace that is not whole, have no facts.
+    // There are no facts about a run without end, nor about a trace that is not whole.
     Check { name: "d8_everything_ends", holds: |_| Ok(()) },
     Check { name: "d10_whole_trace", holds: |_| Ok(()) },
     Check { name: "d1_one_item", holds: one_item },
@@ -34,13 +34,14 @@ pub(super) const CHECKS: &[Check<HoldsFor>] = &[
 ];
 
 impl Facts<'_> {
-    /// Everything that does not hold.
+    /// Returns the checks that do not hold.
     pub(super) fn findings(&self) -> Vec<Finding> {
         judge::findings(CHECKS, |holds| holds(self))
     }
 }
 
-/// D1, D2: each message has one status that is the last, and what is none has the key of one that is remembered.
+/// Checks that each message has exactly one last status. An input that is no message must have the
+/// key of a remembered message (D1, D2).
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, messages, replay, .. } = facts;
     let opened = &replay.opened;
@@ -68,7 +69,8 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         ensure(facts.states(at).any(|state| state.is_active), || {
             format!("input {} was taken in though the node was not active", message.serial)
         })?;
-        // The scenarios have fewer messages than are remembered, and refused ones are not.
+        // The scenarios have fewer messages than the node remembers, but the node does not remember
+        // refused messages.
         ensure(!facts.has_remembered(message.serial, |_| false), || {
             format!("input {} was taken in though its key is a message's", message.serial)
         })?;
@@ -76,12 +78,13 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D2: outputs and hints are results of their messages, of their sources.
+/// Checks that outputs and hints are results of their own messages and sources (D2).
 fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     let is_of = |value: super::play::Value, t: usize, index: usize| {
         let serial = facts.messages.get(t).map(|message| message.serial);
         let key = serial.map(|serial| facts.inputs[serial].key);
-        // Of two with one key at one instant, one of them may have come just before an activation.
+        // If two inputs have the same key at the same instant, one of them may have come just
+        // before an activation.
         let is_same = serial.is_some_and(|serial| facts.is_doubled_at_once(serial));
         Some(value.key) == key
             && value.index == index
@@ -103,7 +106,7 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
             })?;
         }
     }
-    // F3: what was late, in that order, of the peers whose late results are published.
+    // Late results are published in their order, for the peers that have a topic for them (F3).
     let hints = |index: usize| facts.played.log.hints.iter().filter(move |it| it.0 == index);
     for (index, peer) in facts.scenario.peers.iter().enumerate() {
         let late: Vec<_> = facts.late(index).filter(|_| peer.hints).map(|it| it.t).collect();
@@ -120,7 +123,8 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D3: the trace conforms, and what is published is what it decides, when it decides it.
+/// Checks that the trace conforms, and that the node publishes the trace's decisions when they are
+/// made (D3).
 fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     if let Some(verdict) = &facts.replay.verdict {
         ensure(verdict.violations.is_empty(), || verdict.to_string())?;
@@ -172,18 +176,18 @@ fn is_decided(revision: usize, item: &DecidedItem, reported: &StatusReport) -> b
         && reported.status.message == words
 }
 
-/// D4: the backlog of an offer is what waits for its cloud.
+/// Checks that the backlog of an offer is the number of requests that wait for its cloud (D4).
 fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     facts.replay.wrong_backlogs.first().map_or(Ok(()), |wrong| Err(wrong.clone()))
 }
 
-/// D8: no message and no result is kept.
+/// Checks that no message and no result is kept (D8).
 fn nothing_is_left(facts: &Facts<'_>) -> Result<(), String> {
     let held = facts.played.held;
     ensure(held == 0, || format!("{held} messages and results are still held"))
 }
 
-/// D11: the tally has the counts of the trace, and of what was sent.
+/// Checks that the tally has the counts of the trace, and the bytes that were sent (D11).
 fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     account::agrees(&facts.replay, &facts.played.tally, |p| {
         let index = usize::from(p);
@@ -193,8 +197,8 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     })
 }
 
-/// D13: nothing is sent to a peer that is seen to be gone. In the calm each message goes to local and to each cloud at once,
-/// and the best answers it.
+/// Checks that nothing is sent to a peer that is seen to be gone. In the calm, each message must go
+/// to local and to each cloud at once, and the best source must answer it (D13).
 fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
     let calm = facts.scenario.calm();
     let best = facts.scenario.peers.len() - 1;
@@ -225,7 +229,7 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
     ensure(count == all, || format!("{count} of {all} messages of the calm were taken in"))
 }
 
-/// D14: what is no message and no result is counted as what it is.
+/// Checks that a sample that is neither a message nor a result is counted under its own kind (D14).
 fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
     let Some(statuses) = facts.played.log.diagnostics.last().map(|last| &last.1) else {
         return Err("there were no diagnostics".into());
@@ -238,11 +242,12 @@ fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
         (Form::NotCdr, "malformed encoding"),
         (Form::Whole, "duplicate_stamp"),
     ] {
-        // At the instant of an activation it may or may not be looked at.
+        // The node may or may not look at an input that comes at the instant of an activation.
         let (mut least, mut most) = (0, 0);
         for serial in facts.rejected.iter().filter(|serial| facts.inputs[**serial].form == form) {
             let at = facts.played.log.arrived_at[*serial];
-            // A message whose twin was not looked at may be taken in, and no stamp occurred before.
+            // If the node did not look at a message's twin, it may accept the message, because the
+            // stamp is new to it.
             let mut twins = (facts.inputs.iter().zip(&facts.played.log.arrived_at))
                 .filter(|(twin, _)| twin.key == facts.inputs[*serial].key);
             let is_certain = twins.all(|(_, at)| facts.states(*at).all(|state| state.is_active));
@@ -264,7 +269,8 @@ fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D15: each period has the level of what happened in it; at the end all is well.
+/// Checks that each period has the level of the events in it, and that all is well at the end
+/// (D15).
 fn reported(facts: &Facts<'_>) -> Result<(), String> {
     let mut before = BTreeMap::new();
     for (at, statuses) in &facts.played.log.diagnostics {
@@ -299,8 +305,9 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
     ensure(is_well, || format!("at the end they are {words:?}"))
 }
 
-/// D16: the deadlines, and who gets a request, are as they were set when the message came. What is set at that instant, on several
-/// topics perhaps, may hold or not.
+/// Checks that the deadlines and the recipients of requests are as they were set when the message
+/// came. A setting of the same instant may or may not apply, because it may come on another topic
+/// (D16).
 fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
     for (message, opened) in facts.pairs() {

@@ -1,4 +1,4 @@
-//! Scenarios drawn from seeds.
+//! Draws scenarios from seeds.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ use super::scenario::{Delivery, Disturbance, DisturbanceKind, Form, Input, Peer,
 use crate::Commit;
 use crate::settings::Change;
 
-/// Deadlines in ms; none is longer than what a calm waits for.
+/// The deadlines in ms. None is longer than the time for which a calm waits.
 const DEADLINES: [u64; 6] = [10, 30, 60, 100, 500, 1000];
 
 impl Scenario {
-    /// The run of this seed.
+    /// Draws the run of this seed.
     pub(super) fn draw(seed: u64) -> Self {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
@@ -30,7 +30,7 @@ impl Scenario {
             peers,
             inputs,
         };
-        // Last, so that the other runs stay as they were drawn.
+        // This is drawn last, so that the rest of each scenario stays the same.
         let is_progressive = rng.u8(0..3) == 0;
         Self { commit: if is_progressive { Commit::Progressive } else { drawn.commit }, ..drawn }
     }
@@ -39,7 +39,7 @@ impl Scenario {
 fn peer(rng: &mut Rng, index: usize) -> Peer {
     let is_called = index > 0 && rng.u8(0..3) == 0;
     Peer {
-        // As by default, most of the time.
+        // Most peers have the defaults.
         in_flight: if index == 0 {
             rng.one_of(&[1, 2, 4, 4, 4])
         } else {
@@ -52,7 +52,7 @@ fn peer(rng: &mut Rng, index: usize) -> Peer {
 }
 
 fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
-    // The manager has activated it by then.
+    // By now the manager has activated the node.
     let mut at = Duration::from_millis(1);
     let mut inputs: Vec<Input> = Vec::new();
     // The share of messages to or from this peer that gets lost, in percent.
@@ -64,7 +64,7 @@ fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
             _ => gap * 1000,
         });
         let key = match (rng.u8(0..20), inputs.last()) {
-            // The stamp of one that is open, perhaps.
+            // A message with this stamp may still be open.
             (0, Some(last)) => last.key,
             (1, Some(_)) => inputs[rng.usize(0..inputs.len())].key,
             _ => 10 * number + 100,
@@ -101,7 +101,8 @@ fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
     Delivery { delay: transit, took, replies: (0..replies).map(|_| reply(rng)).collect() }
 }
 
-/// On the way: short mostly, long now and then, so that what is sent later may come first.
+/// Draws the time that a message travels. Most times are short and some are long, so that a later
+/// message may come first.
 fn delay(rng: &mut Rng) -> Duration {
     Duration::from_micros(match rng.u8(0..10) {
         0 => rng.u64(0..1_500_000),
@@ -113,7 +114,8 @@ fn delay(rng: &mut Rng) -> Duration {
 fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturbance)> {
     let mut turns = Vec::new();
     let mut is_active = true;
-    // One of the two ways to set it: of two that come at once either may be the last.
+    // Only one of the two ways to set the deadline is used. If both were used at one instant,
+    // either could be the last.
     let by_topic = rng.bool();
     for _ in 0..rng.one_of(&[0, 1, 4, 12]) {
         let at = span.mul_f64(rng.f64());

@@ -1,4 +1,4 @@
-//! The facts of a run: its trace, and what was seen beside it.
+//! The facts about a run: its trace, and other observations.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -39,19 +39,19 @@ pub(super) struct Facts<'a> {
     pub(super) played: &'a RunResult,
     /// The trace, replayed.
     pub(super) replay: Replay,
-    /// By timestamp.
+    /// The accepted messages, by timestamp.
     pub(super) messages: Vec<Message<'a>>,
-    /// Inputs that were no messages, by their indices.
+    /// The indices of the inputs that were no messages.
     pub(super) rejected: Vec<usize>,
-    /// Each state that was set, and from when on.
+    /// The states that were set, each with the instant from which it was in force.
     pub(super) set: Vec<(u64, State)>,
 }
 
-/// A message that was accepted, and what was reported of it.
+/// A message that was accepted, and its statuses.
 pub(super) struct Message<'a> {
     /// The input's index.
     pub(super) serial: usize,
-    /// In their order.
+    /// The statuses in their order.
     pub(super) reported: Vec<&'a StatusReport>,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct State {
     pub(super) is_active: bool,
     pub(super) deadline: Duration,
     pub(super) local: Duration,
-    /// By index; local's mean nothing.
+    /// The clouds by index. The entry of local has no meaning.
     pub(super) peers: Vec<CloudStatus>,
 }
 
@@ -75,8 +75,10 @@ pub(super) struct CloudStatus {
 }
 
 impl<'a> Facts<'a> {
+    /// Collects the facts about a run.
+    ///
     /// # Errors
-    /// If the trace cannot be read.
+    /// Returns an error if the trace cannot be read.
     pub(super) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
         let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
         let parameters: Vec<_> = parameters.collect();
@@ -103,23 +105,23 @@ impl<'a> Facts<'a> {
         Ok(facts)
     }
 
-    /// Each message that was assigned to an input, as the trace has it.
+    /// Returns each message that was assigned to an input, with its entry in the replayed trace.
     pub(super) fn pairs(&self) -> impl Iterator<Item = (&Message<'a>, &OpenedMessage)> {
         self.messages.iter().zip(&self.replay.opened)
     }
 
-    /// Returns the outputs of a message with their instants.
+    /// Returns the decided items of a message.
     pub(super) fn items(&self, opened: &OpenedMessage) -> impl Iterator<Item = &DecidedItem> {
         opened.items.iter().map(|index| &self.replay.items[*index])
     }
 
-    /// The offer of a message to a cloud.
+    /// Returns the offer of a message to a cloud.
     pub(super) fn offer(&self, opened: &OpenedMessage, index: usize) -> Option<&DecidedOffer> {
         let is_it = |offer: &&DecidedOffer| offer.t == opened.t && usize::from(offer.p) == index;
         self.replay.offers.iter().find(is_it)
     }
 
-    /// Results that were too late or superseded.
+    /// Returns the results that were too late or superseded.
     pub(super) fn late(&self, index: usize) -> impl Iterator<Item = &DroppedResult> {
         self.replay.dropped.iter().filter(move |dropped| {
             let is_late = matches!(dropped.why, DropReason::Late | DropReason::Superseded);
@@ -127,7 +129,8 @@ impl<'a> Facts<'a> {
         })
     }
 
-    /// Says which input is which message: they are taken in one after the other, each at the instant at which it came.
+    /// Assigns inputs to messages. The node accepts inputs one after the other, each at the instant
+    /// at which it came.
     fn assign(&mut self) {
         let mut statuses = BTreeMap::<_, Vec<&StatusReport>>::new();
         for reported in &self.played.log.statuses {
@@ -152,7 +155,8 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// Returns what may have been in force when something came: at one instant either is first.
+    /// Returns the states that may have been in force when an input came. If a state was set at
+    /// that instant, either may have been first.
     pub(super) fn states(&self, at: u64) -> impl Iterator<Item = &State> {
         let when = self.meanwhile(at);
         let before = self.set.iter().rev().find(|(since, _)| *since < at);
@@ -160,8 +164,8 @@ impl<'a> Facts<'a> {
         before.into_iter().chain(meanwhile).map(|(_, state)| state)
     }
 
-    /// Returns when the node may have looked at an input of this instant: at once, unless its
-    /// process stood still from then on.
+    /// Returns when the node may have looked at an input of this instant. That is at once, unless
+    /// its process stood still from then on.
     fn meanwhile(&self, at: u64) -> RangeInclusive<u64> {
         let stalls = self.played.log.turned.iter().filter_map(|(from, turn)| match turn {
             Disturbance::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
@@ -170,13 +174,13 @@ impl<'a> Facts<'a> {
         at..=at + stalls.sum::<u64>()
     }
 
-    /// The requests to a peer.
+    /// Returns the requests to a peer.
     pub(super) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
         self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
-    /// Returns `true` if a message before this input has its key. One that was refused counts only
-    /// if `is_there` at its end.
+    /// Returns `true` if a message before this input has its key. A refused message counts only if
+    /// `is_there` at its end.
     pub(super) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
         self.pairs().any(|(message, opened)| {
             let is_before = message.serial < serial;
@@ -188,7 +192,7 @@ impl<'a> Facts<'a> {
         })
     }
 
-    /// Returns `true` if another input with this one's key came at the same instant.
+    /// Returns `true` if another input with the same key came at the same instant.
     pub(super) fn is_doubled_at_once(&self, serial: usize) -> bool {
         let at = &self.played.log.arrived_at;
         let is_same = |other: &usize| {
@@ -197,7 +201,7 @@ impl<'a> Facts<'a> {
         (0..at.len()).filter(is_same).count() > 1
     }
 
-    /// Returns what it came to.
+    /// Returns the kinds of endings of the run.
     pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
         let mut kinds = BTreeSet::new();
         let mut mark = |is: bool, kind: usize| {
@@ -245,7 +249,7 @@ fn queues(scenario: &Scenario) -> QueueConfig {
     }
 }
 
-/// Each state, and from when on it was in force.
+/// Returns the states, each with the instant from which it was in force.
 fn states(
     scenario: &Scenario,
     settings: &Settings,
@@ -278,7 +282,7 @@ fn states(
             }
             Disturbance::Activate(is_active) => state.is_active = is_active,
             Disturbance::Dies { peer, is_seen } => {
-                // A request is made to a called cloud all the same.
+                // A called cloud gets requests in any case.
                 state.peers[peer].is_there = !is_seen || scenario.peers[peer].is_called;
             }
             Disturbance::Lives(peer) => state.peers[peer].is_there = true,
@@ -302,7 +306,7 @@ impl StatusReport {
     }
 }
 
-/// Returns what a status has under a key.
+/// Returns the value of a status under a key.
 pub(super) fn value<'a>(values: &'a [crate::report::KeyValue], key: &str) -> Option<&'a str> {
     values.iter().find(|value| value.key == key).map(|value| &*value.value)
 }

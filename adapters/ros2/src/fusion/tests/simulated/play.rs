@@ -31,7 +31,7 @@ pub(super) struct RunResult {
     pub(super) log: Log,
     pub(super) trace: Vec<u8>,
     pub(super) tally: Tally,
-    /// Messages and results that are still held.
+    /// The number of messages and results that are still held.
     pub(super) held: usize,
 }
 
@@ -42,20 +42,21 @@ pub(super) struct Log {
     pub(super) arrived_at: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,
-    /// By index: hints as they were published.
+    /// The hints as they were published, each with the index of its peer.
     pub(super) hints: Vec<(usize, Result<Value, Vec<u8>>)>,
     /// The other events, with their instants.
     pub(super) turned: Vec<(u64, Disturbance)>,
-    /// By index: what came on its topic that is no result of a message, by key or form.
+    /// The samples on each peer's topic that are no result of a message because of their key or
+    /// form, by index.
     pub(super) unmatched: Vec<UnmatchedResults>,
     pub(super) diagnostics: Vec<(u64, Vec<DiagnosticStatus>)>,
-    /// An order that the node did not carry out.
+    /// The result of an order that the node did not carry out.
     pub(super) disobeyed: Option<TransitionResult>,
-    /// The output before its status.
+    /// The output that was published last and has no status yet.
     output: Option<Output>,
 }
 
-/// A request as it left.
+/// A request at the instant at which it was sent.
 #[derive(Debug)]
 pub(super) struct SentRequest {
     pub(super) at: u64,
@@ -64,7 +65,7 @@ pub(super) struct SentRequest {
     pub(super) bytes: u64,
 }
 
-/// A status, and the output that was published for it.
+/// A status, with the output that was published for it.
 #[derive(Debug)]
 pub(super) struct StatusReport {
     pub(super) at: u64,
@@ -72,7 +73,7 @@ pub(super) struct StatusReport {
     pub(super) output: Option<Output>,
 }
 
-/// An output, and whether it found its subscriber in time.
+/// An output, and whether a subscriber got it in time.
 #[derive(Debug)]
 pub(super) struct Output {
     /// `true` if it is on the topic of revisions.
@@ -89,12 +90,12 @@ pub(super) struct Value {
     pub(super) index: usize,
 }
 
-/// All that the simulated parts share.
+/// The state that the simulated parts share.
 struct SimulationState {
     inputs: Vec<Input>,
     start: Instant,
     log: Mutex<Log>,
-    /// By index: whether it is dead, and since how many deaths.
+    /// The health of each peer, by index.
     health: Mutex<Vec<Health>>,
     mouths: Publications,
     payloads: Arc<AtomicUsize>,
@@ -107,7 +108,7 @@ struct Health {
     deaths: usize,
 }
 
-/// Bytes that are counted as long as somebody has them.
+/// Bytes that are counted until they are dropped.
 struct CountedBytes(Vec<u8>, Arc<AtomicUsize>);
 
 /// A topic's publisher: a peer's requests or hints, or the node's output.
@@ -126,7 +127,7 @@ enum Kind {
 
 struct StatusPublisher(Arc<SimulationState>);
 
-/// Plays it.
+/// Plays a scenario.
 pub(super) fn play(scenario: &Scenario) -> RunResult {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
@@ -184,7 +185,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
     RunResult { log, trace: fs::read(path).unwrap(), tally, held }
 }
 
-/// A peer as the node has it.
+/// Returns a peer in the form that the node takes.
 fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> NodeSource {
     let peer = scenario.peers[index];
     let name = if index == LOCAL { "local".to_owned() } else { format!("cloud{index}") };
@@ -222,7 +223,7 @@ async fn feed(simulation: &Arc<SimulationState>) {
     }
 }
 
-/// Whatever else happens, each at its time.
+/// Carries out the other events, each at its time.
 async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbance)>) {
     simulation.publish_report(LifecycleTask::Activate).await;
     for (at, turn) in turns {
@@ -252,7 +253,7 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
     }
 }
 
-/// A request on its way to its peer and back.
+/// Sends a request to its peer, and the replies back.
 async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     let Input { key, fates, .. } = &simulation.inputs[serial];
     let Delivery { delay: Some(delay), took, replies } = &fates[index] else { return };
@@ -263,7 +264,7 @@ async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     if before.is_dead || before.deaths < after.deaths {
         return;
     }
-    // The later ones are sent first: they overtake nobody by that.
+    // Later replies are sent first, which cannot change their order of arrival.
     let mut replies = replies.clone();
     replies.sort_by_key(|reply| Reverse(reply.delay));
     for Reply { delay, kind } in replies {
@@ -275,7 +276,8 @@ async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     }
 }
 
-/// A cloud that is called: what gets lost on topics is an answer that never comes.
+/// Returns the handle of a cloud that is called. Where a topic would lose a message, its answer
+/// never comes.
 fn called(simulation: &Arc<SimulationState>, index: usize) -> Handle {
     let simulation = Arc::clone(simulation);
     Arc::new(move |request: Payload, _: Call| {
@@ -326,7 +328,7 @@ impl SimulationState {
         SimulatedPublisher { simulation: Arc::clone(self), kind, end }
     }
 
-    /// A message of these bytes, or one that cannot be read.
+    /// Returns a message of these bytes, or an error if there are none.
     fn sample(&self, body: Option<Vec<u8>>) -> ReceivedPayload {
         let body = body.ok_or_else(|| DecodeError("not CDR".into()))?;
         self.payloads.fetch_add(1, Ordering::Relaxed);
@@ -334,7 +336,7 @@ impl SimulationState {
         Ok(Payload { big_endian: false, body })
     }
 
-    /// A request left.
+    /// Records a request that was sent, and returns the index of its input.
     fn requested(&self, index: usize, request: &Payload) -> usize {
         let serial = u64::from_le_bytes(request.body[8..].try_into().unwrap());
         let serial = usize::try_from(serial).unwrap();
@@ -343,7 +345,7 @@ impl SimulationState {
         serial
     }
 
-    /// Something comes on a peer's topic.
+    /// Sends a sample to the node on a peer's topic.
     async fn reply(&self, value: Value, kind: DisturbanceKind) {
         let body = match kind {
             DisturbanceKind::Result => Some(value.bytes()),

@@ -1,4 +1,5 @@
-//! One run of a node as plain data: its parameters, what comes, and what the network and its peers do.
+//! One run of a node as plain data: its parameters, its inputs, and the behaviour of the network
+//! and of its peers.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,16 +8,16 @@ use crate::fusion::LOCAL;
 use crate::settings::Change;
 use crate::{Commit, Settings};
 
-/// It is drawn from its seed and can be made smaller.
+/// A run that is drawn from a seed and can be made smaller.
 #[derive(Clone, PartialEq, Debug)]
 pub(super) struct Scenario {
     pub(super) window: u16,
     pub(super) commit: Commit,
     /// The number of further messages that may wait for local.
     pub(super) waiting: u16,
-    /// Local, then the clouds, whose priorities are their indices.
+    /// Local, then the clouds. The priority of a cloud is its index.
     pub(super) peers: Vec<Peer>,
-    /// In the order of their instants.
+    /// The inputs, in the order of their instants.
     pub(super) inputs: Vec<Input>,
     /// The other events, in the order of their instants.
     pub(super) turns: Vec<(Duration, Disturbance)>,
@@ -26,15 +27,15 @@ pub(super) struct Scenario {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Peer {
     pub(super) in_flight: u16,
-    /// The gate's limit; local has none.
+    /// The gate's limit. Local has no gate.
     pub(super) limit: u16,
-    /// `true` if it is called, or receives by topics as local does.
+    /// `true` if it is called, and `false` if it receives by topics as local does.
     pub(super) is_called: bool,
     /// `true` if its late results are published.
     pub(super) hints: bool,
 }
 
-/// An input on the input's topic, and its fate.
+/// A sample on the input's topic, and its fate.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Input {
     pub(super) at: Duration,
@@ -58,15 +59,15 @@ pub(super) enum Form {
 /// The delivery of a request, and of the results that it leads to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Delivery {
-    /// The time that the request takes to its peer; it gets lost if not given.
+    /// The time that the request takes to its peer, or `None` if it is lost.
     pub(super) delay: Option<Duration>,
     /// The time for which the peer computes.
     pub(super) took: Duration,
-    /// None is a result that gets lost; two are one that is doubled.
+    /// The replies. None means that the result is lost, and two mean that it is duplicated.
     pub(super) replies: Vec<Reply>,
 }
 
-/// The reply, and how long it takes.
+/// A reply, and how long it takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Reply {
     pub(super) delay: Duration,
@@ -76,41 +77,41 @@ pub(super) struct Reply {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum DisturbanceKind {
     Result,
-    /// A result with the key of no message.
+    /// A result whose key is no message's.
     Stray,
     Short,
     NotCdr,
 }
 
-/// An event beside inputs.
+/// An event that is not an input.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) enum Disturbance {
     /// A parameter is set.
     Set(Change),
-    /// The topic of deadlines says this many seconds.
+    /// The topic of deadlines carries this many seconds.
     Deadline(f64),
     /// The manager of the node's lifecycle activates or deactivates it.
     Activate(bool),
-    /// A peer is killed, with all that it computes; the node notices or not.
+    /// A peer is killed and loses everything that it computes. The node may notice that or not.
     Dies { peer: usize, is_seen: bool },
-    /// It is back.
+    /// A peer is back.
     Lives(usize),
     /// The node's process stands still for this long.
     Stalls(Duration),
 }
 
-/// This many inputs come once everything is well again.
+/// The number of inputs that come after everything works again.
 const CALM: u64 = 20;
 
-/// They are so far apart, and each peer takes less than half of it.
+/// The time between these inputs. Each peer takes less than half of it.
 const APART: Duration = Duration::from_millis(100);
 
-/// Keys of the calm and of strays are beyond all others.
+/// The keys of the calm and of strays are greater than all others.
 const CALM_KEYS: u64 = 1 << 32;
 pub(super) const STRAY_KEYS: u64 = 1 << 40;
 
 impl Scenario {
-    /// The parameters, as they are given to a node.
+    /// Returns the parameters in the form that a node takes.
     pub(super) fn parameters(&self) -> Vec<String> {
         let mut all = vec![
             "lifecycle:=true".to_owned(),
@@ -129,15 +130,15 @@ impl Scenario {
         all
     }
 
-    /// Returns the time until everything works again and no lost message is awaited any more. The
-    /// messages that wait for local may get lost one after the other, each for a second.
+    /// Returns when everything works again and no lost message is awaited. The messages that wait
+    /// for local may be lost one after the other, which takes a second each.
     pub(super) fn calm(&self) -> Duration {
         let inputs = self.inputs.iter().map(|input| input.at);
         let last = inputs.chain(self.turns.iter().map(|turn| turn.0)).max().unwrap_or_default();
         last + Duration::from_secs(4 + self.inputs.len() as u64)
     }
 
-    /// The inputs, those of the calm included.
+    /// Returns the inputs, including the inputs of the calm.
     pub(super) fn all_inputs(&self) -> Vec<Input> {
         let calm = (0..CALM).map(|number| Input {
             at: self.calm() + APART * u32::try_from(number).unwrap_or(0),
@@ -149,7 +150,7 @@ impl Scenario {
         self.inputs.iter().cloned().chain(calm).collect()
     }
 
-    /// Returns what else happens, and what makes everything well again.
+    /// Returns the other events, including the events that make everything work again.
     pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Disturbance)> {
         let set = |change| Disturbance::Set(change);
         let mut last = vec![
@@ -173,7 +174,7 @@ impl Scenario {
 }
 
 impl fmt::Display for Scenario {
-    /// The parameters, then a line for each thing that happens.
+    /// Writes the parameters, then a line for each event.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.parameters().join(" "))?;
         for (index, peer) in self.peers.iter().enumerate() {
@@ -204,8 +205,8 @@ impl fmt::Display for Scenario {
 }
 
 impl Delivery {
-    /// Returns a delivery in which nothing goes wrong. The greater the peer's priority is, the later
-    /// is its result.
+    /// Returns a delivery in which nothing goes wrong. The result of a peer with a greater priority
+    /// comes later.
     pub(super) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
         let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };

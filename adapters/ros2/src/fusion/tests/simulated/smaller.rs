@@ -1,4 +1,4 @@
-//! Makes a run smaller while it still breaks what it breaks.
+//! Makes a run smaller as long as it breaks the same check.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -11,7 +11,7 @@ use super::scenario::{Delivery, Form, Scenario};
 /// The search for a smaller scenario takes at most this long.
 const TRIES: Duration = Duration::from_secs(20);
 
-/// The smallest run that was found of which `breaks` is true.
+/// Returns the smallest run that was found for which `breaks` is true.
 pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) -> Scenario {
     let start = Instant::now();
     let Ok(smallest) = shrink(scenario.clone(), simplifications, |smaller| {
@@ -20,7 +20,7 @@ pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) 
     smallest
 }
 
-/// The inputs, then what disturbs.
+/// The steps are the inputs, then the disturbances.
 impl Steps for Scenario {
     fn count(&self) -> usize {
         self.inputs.len() + self.turns.len()
@@ -33,7 +33,7 @@ impl Steps for Scenario {
     }
 }
 
-/// One thing less each.
+/// Returns simplifications, each of which removes one thing.
 fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     let inputs = 0..scenario.inputs.len().min(40);
