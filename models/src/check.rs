@@ -30,7 +30,7 @@ pub struct CheckOptions {
 pub struct Exploration {
     /// The configuration.
     pub config: &'static World,
-    /// The number of unique states. After a violation it is not the number of all of them.
+    /// The number of unique states. After a violation it does not count all of them.
     pub states: usize,
     /// The greatest number of steps from the first state to another, counting the first.
     pub depth: usize,
@@ -42,7 +42,7 @@ pub struct Exploration {
     pub unmet: Vec<Sighting>,
 }
 
-/// The reason why there is no verdict.
+/// The reason there is no verdict.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum CheckError {
     /// The machine refuses the configuration.
@@ -73,7 +73,7 @@ pub fn check(
     effort: CheckOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<Exploration, CheckError> {
-    // The search is compiled here and not by each caller.
+    // The search is compiled here, so that it is not compiled again for each caller.
     check_all_states(config, effort, &mut progress)
 }
 
@@ -90,7 +90,7 @@ fn check_all_states(
     let checker = operator.checker().threads(effort.threads.max(1)).finish_when(finish);
     match config.size {
         Size::Quick | Size::Standard => search(config, effort, checker.spawn_bfs(), progress),
-        // Breadth first, the states that wait for their turn would not fit into memory.
+        // In a breadth-first search, the states that wait for their turn would not fit into memory.
         Size::Large => search(config, effort, checker.spawn_dfs(), progress),
     }
 }

@@ -56,8 +56,8 @@ impl From<Rule> for Claim {
             Rule::F4 => Self::F4,
             Rule::F5 => Self::F5,
             Rule::F6 => Self::F6,
-            // No input of a model has a value key, so none demands D2 or D18, and no model has a period. They
-            // concern what is sent (F7).
+            // No input of a model has a value key, so no step breaks D2 or D18, and no model has a
+            // period. These rules concern what is sent (F7).
             Rule::F7 | Rule::D2 | Rule::D18 | Rule::J1 | Rule::J2 => Self::F7,
             Rule::F9 => Self::F9,
             Rule::P1 => Self::P1,

@@ -21,7 +21,7 @@ pub struct Counterexample {
 }
 
 impl Counterexample {
-    /// Returns the counterexample with only those of the inputs that are needed to break the claim.
+    /// Returns the counterexample with only the inputs that are needed to break the claim.
     pub(crate) fn of(config: &World, claim: Claim, inputs: Vec<Input>) -> Self {
         let inputs = shrink(inputs, |inputs| breaks(config, claim, inputs));
         let trace = trace(config, &inputs);
@@ -29,7 +29,8 @@ impl Counterexample {
     }
 }
 
-/// Returns the inputs without those that can be left out. A tick replaces each that only moves the clock.
+/// Returns the inputs without those that can be left out. An input that only moves the clock
+/// becomes a tick.
 fn shrink(inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> bool) -> Vec<Input> {
     let tick = |index: usize| -> Simplification<Vec<Input>> {
         Box::new(move |inputs| inputs[index] = Input::Tick { at: inputs[index].at() })
@@ -79,7 +80,7 @@ mod tests {
 
     #[test]
     fn shrinking_leaves_what_is_needed_and_no_more() {
-        // The claim is broken once a 3 comes after a 1.
+        // The claim is broken if a 3 comes after a 1.
         let breaks = |inputs: &[Input]| {
             let from_one = inputs.iter().skip_while(|input| input.at() != 1);
             from_one.into_iter().any(|input| input.at() == 3)

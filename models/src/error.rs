@@ -1,4 +1,4 @@
-//! The errors of the command, each on one line: what and where, and a remedy.
+//! The errors of the command, each on one line with the place, the problem and a remedy.
 
 use std::io;
 use std::net::SocketAddr;
@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use fuseline_models::CheckError;
 use thiserror::Error;
 
-/// The reason why a command stopped.
+/// The reason a command stopped.
 #[derive(Debug, Error)]
 pub(crate) enum ModelsError {
     #[error("no configuration is named {name:?}; `list` names them")]

@@ -10,8 +10,8 @@ use crate::world::World;
 
 /// Serves the Explorer on this address until the process ends.
 ///
-/// With `sightings` the Explorer shows them too. It searches the way to each of them whenever it
-/// shows a state, which takes seconds once many are met.
+/// With `sightings` the Explorer shows them too. It then searches for a path to each of them
+/// whenever it shows a state, which takes seconds once it has found many.
 ///
 /// # Errors
 /// Returns an error if it cannot listen on the address.

@@ -21,7 +21,7 @@ pub struct InputResponse {
     pub fired: Vec<FiredTimers>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
-    /// Reports whether the response is whole.
+    /// States whether the response is whole.
     pub end: WholeAnswer,
 }
 
@@ -36,7 +36,7 @@ pub struct FiredTimers {
     pub decisions: Vec<Decision>,
 }
 
-/// Reports whether an input got its whole answer (F8).
+/// States whether an input got its whole answer (F8).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum WholeAnswer {
     /// The answer is whole.
@@ -89,7 +89,7 @@ fn apply(machine: &mut ModelMachine, input: &Input, most: usize, answer: &mut In
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
             answer.end = WholeAnswer::Endless;
-            // A machine that never ends can only be left by a panic.
+            // Only a panic can leave a machine that never ends.
             panic!("more timers fired than were live");
         }
         let mut decisions = Vec::new();

@@ -91,7 +91,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(help) if !help.use_stderr() => {
-            // If this fails, nobody reads the help any more.
+            // If this fails, nobody reads the help.
             let _ = help.print();
             return ExitCode::SUCCESS;
         }

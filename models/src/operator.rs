@@ -12,14 +12,15 @@ use crate::sighting::{Sighting, Sightings};
 use crate::state::State;
 use crate::world::{Readings, World};
 
-/// Priorities that no configuration registers. A careless conversion takes the second one for a cloud's.
+/// Priorities that no configuration registers. A careless conversion would take the second one for
+/// a cloud's priority.
 const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 
 /// One operator in the environment of a configuration.
 pub struct Operator {
     config: &'static World,
-    /// The sightings that were reported. The checker keeps the last report of a sighting, but the first one
-    /// has the shortest way to it.
+    /// The sightings that were reported. The checker keeps the last report of a sighting, but the
+    /// first report has the shortest path to it.
     reported: Vec<AtomicBool>,
     /// The sightings to look for.
     sightings: Vec<Sighting>,
@@ -104,8 +105,8 @@ impl Holds<Claim> for Operator {
 }
 
 impl Holds<Sighting> for Operator {
-    /// Returns `true` if a step from this state shows the sighting, unless another state was reported to show
-    /// it.
+    /// Returns `true` if a step from this state shows the sighting, unless another state was
+    /// already reported to show it.
     fn holds(&self, state: &State, sighting: Sighting) -> bool {
         let Some(reported) = self.reported.get(sighting as usize) else { return false };
         if reported.load(Ordering::Relaxed) {

@@ -10,8 +10,9 @@ pub(crate) trait Holds<Kind>: Model {
 
 /// Defines an enum of properties, each `$Name = "its name"`, and the type of their sets.
 ///
-/// Stateright wants a function pointer for each property, which cannot capture the property. So each needs
-/// its own closure, and a table keeps enum, names and closures together.
+/// Stateright wants a function pointer for each property, which cannot capture the property. So
+/// each property needs a closure of its own. The table keeps the enum, the names and the closures
+/// together.
 macro_rules! properties {
     (
         $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident, $expectation:ident;

@@ -15,9 +15,10 @@ use crate::world::World;
 
 /// The shipped machine, with companions that show whether it is right.
 ///
-/// Everything except the twin identifies a state: the twin equals the machine, or P10 is broken and the state
-/// is a last one. The reference machine is part of the identity. If a faulty machine confuses two histories,
-/// the search would otherwise see only the first of them.
+/// Everything except the twin identifies a state. If the twin differed from the machine, P10 would
+/// be broken and the state would be a last one. The reference machine is part of the identity,
+/// because a faulty machine may confuse two histories, and the search would then see only the first
+/// of them.
 #[derive(Clone)]
 pub struct State {
     pub(crate) machine: ModelMachine,
@@ -54,8 +55,8 @@ impl State {
         self.violated
     }
 
-    /// Returns `true` if further steps mean something: nothing is broken except agreement with the reference
-    /// machine, which the promises do not need.
+    /// Returns `true` if further steps mean something. They do if nothing is broken except
+    /// agreement with the reference machine, which the promises do not need.
     #[must_use]
     pub fn goes_on(&self) -> bool {
         self.violated.iter().all(Claim::is_of_reference)
@@ -97,7 +98,8 @@ impl State {
         self.violated.insert_if(Claim::P8, !has_timers);
     }
 
-    /// Returns `true` if the machine's timers for an open timestamp are those that it owes (P8).
+    /// Returns `true` if the machine has exactly the timers for an open timestamp that it owes
+    /// (P8).
     fn has_timers_of(&self, config: &World, t: u64, history: &History) -> bool {
         let mut sources = config.clouds.iter().map(|cloud| cloud.p).chain([0]);
         sources.all(|p| {
@@ -126,8 +128,8 @@ impl State {
         }
     }
 
-    /// Gives the input to the twin, after ticks at every instant in between. Returns `true` if it does the
-    /// same.
+    /// Gives the input to the twin, after ticks at every instant in between. Returns `true` if the
+    /// twin does the same as the machine.
     fn mirror(
         &mut self,
         config: &World,
@@ -138,7 +140,7 @@ impl State {
     ) -> bool {
         let mut decisions = Vec::new();
         let between = config.clock.iter().filter(|at| from < **at && **at <= input.at());
-        // Every second tick has a clock that goes back.
+        // At every second tick, the clock goes back.
         let ticks = between.flat_map(|at| [Input::Tick { at: *at }, Input::Tick { at: 0 }]);
         for input in ticks.chain([*input]) {
             let answer = answer(&mut self.twin, &input, most);
@@ -151,7 +153,8 @@ impl State {
         of_machine.eq(decisions) && self.twin == self.machine
     }
 
-    /// Gives the input to the patient machine. Returns `true` if it admits, refuses and ends the same (P13).
+    /// Gives the input to the patient machine. Returns `true` if it admits, refuses and ends as the
+    /// machine does (P13).
     fn is_as_patient(&mut self, input: &Input, answer_of_machine: &InputResponse) -> bool {
         let Some(patient) = &mut self.patient else { return true };
         let answer = answer(patient, input, usize::MAX);
@@ -173,7 +176,7 @@ fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions
         places.into_iter().find(|index| decisions.get(*index).copied() != demanded(*index))?;
     Some(match (decisions.get(index), demands.get(index)) {
         (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => Claim::F0,
-        // An undemanded decision of a timer takes the place of the input's own decision.
+        // A firing's decision that nothing demands stands where the input's own decision should.
         (Some(found), Some((_, rule)))
             if index < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7 | Rule::F9) =>
         {
@@ -185,7 +188,7 @@ fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions
     })
 }
 
-/// Returns the rule of a decision that nothing demands.
+/// Returns the rule of a decision that no rule demands.
 fn of_decision(decision: &Decision, input: &Input) -> Claim {
     match decision {
         Decision::Timer { .. } => Claim::F5,

@@ -14,7 +14,7 @@ pub use table::WORLDS;
 pub struct World {
     /// The name on the command line.
     pub name: &'static str,
-    /// States when the configuration is checked.
+    /// States in which runs the configuration is checked.
     pub size: Size,
     /// The commit rule.
     pub commit: Commit,
@@ -26,7 +26,7 @@ pub struct World {
     pub timestamps: &'static [u64],
     /// The readings of the clock, in ascending order.
     pub clock: &'static [u64],
-    /// The readings that inputs other than ticks come with.
+    /// The readings that come with inputs other than ticks.
     pub readings: Readings,
     /// The deadlines for local that an open may have.
     pub local_deadlines: &'static [Option<u64>],
@@ -34,16 +34,16 @@ pub struct World {
     pub deadlines: &'static [u64],
     /// The backlogs that an offer may have.
     pub backlogs: &'static [u64],
-    /// The sightings that such an environment cannot show.
+    /// The sightings that this environment cannot show.
     pub absent: &'static [&'static [Sighting]],
     /// The number of unique states. Another number means that the machine or the environment changed.
     pub states: usize,
 }
 
-/// The readings of the clock that inputs come with. Ticks come with any.
+/// The readings of the clock that inputs may come with. Ticks may come with any reading.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Readings {
-    /// The present reading. For any other one a tick comes before.
+    /// The present reading. A tick moves the clock to another reading first.
     Now,
     /// The present reading and the next one.
     Next,
@@ -51,12 +51,12 @@ pub enum Readings {
     Any,
 }
 
-/// States when a configuration is checked.
+/// States in which runs a configuration is checked.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Size {
-    /// Always; it takes about a second.
+    /// In every run. It takes about a second.
     Quick,
-    /// Always, unless only quick configurations are requested.
+    /// In every run, unless only quick configurations are requested.
     Standard,
     /// Only on request.
     Large,

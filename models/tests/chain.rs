@@ -51,7 +51,7 @@ struct ChainStage {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 struct ChainMessage {
     captured: u64,
-    /// The instant when the first operator accepted it.
+    /// The instant at which the first operator accepted it.
     written: u64,
     taken_in: u64,
     /// `true` if there is a result to compute from.
@@ -151,13 +151,14 @@ impl Chain {
     }
 }
 
-/// Returns the latest instant at which an operator has an ending (E2). Each operator on the way adds the
-/// lateness of one timer and, for a message that is over, the least deadline of 1 ns (F1).
+/// Returns the latest instant at which an operator may answer a message (E2). Each operator on the
+/// way adds the lateness of one timer. If the message is over when it comes, the operator also adds
+/// the least deadline, which is 1 ns (F1).
 fn latest(captured: u64, written: u64, operator: u64) -> u64 {
     (captured + WITHIN).max(written + 1) + LATENESS + operator * (LATENESS + 1)
 }
 
-/// Checks that a request ends with its own deadline and where the reserve begins (E3).
+/// Checks that a request ends by its own deadline, and no later than where the reserve begins (E3).
 fn requested(state: &mut ChainState, operator: usize, t: u64, due: u64) {
     let message = &state.stages[operator].messages[usize::try_from(t).unwrap()];
     if due > message.captured + WITHIN - RESERVES[operator] {
@@ -166,8 +167,8 @@ fn requested(state: &mut ChainState, operator: usize, t: u64, due: u64) {
 }
 
 impl ChainState {
-    /// Returns `true` if each message has one item, and each item of the first operator leads to one of the
-    /// second (E1).
+    /// Returns `true` if each message has one item, and each item of the first operator leads to
+    /// one item of the second (E1).
     fn is_answered_once(&self) -> bool {
         let [first, second] = &self.stages;
         let items = first.messages.iter().filter(|message| message.endings > 0).count();
@@ -305,7 +306,8 @@ impl Model for Chain {
     }
 }
 
-/// Checks all states. Another number of states means that the machine, the budget or the environment changed.
+/// Checks all states. A different number of states means that the machine, the budget or the
+/// environment changed.
 #[track_caller]
 fn assert_holds(chain: Chain, states: usize) {
     let checker = chain.checker().threads(2).spawn_bfs().join();

@@ -1,4 +1,4 @@
-//! Checks small configurations completely, and what makes a check fail.
+//! Checks small configurations completely, and tests which faults make a check fail.
 
 use std::collections::BTreeSet;
 

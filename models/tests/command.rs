@@ -85,7 +85,7 @@ fn the_explorer_shows_steps_in_the_words_of_the_trace() {
     let mut stderr = BufReader::new(explorer.stderr.take().expect("a pipe"));
     stderr.read_line(&mut message).expect("a line");
     assert!(message.contains(&address), "{message}");
-    // It prints this line before it listens.
+    // The command prints this line before it listens.
     let steps = loop {
         if let Some(answer) = request(&address, "/.states/0") {
             break answer;

@@ -35,7 +35,7 @@ const HELD: &[Sighting] = &[
     Sighting::Floor,
     Sighting::Discarded,
     Sighting::LastRequest,
-    // A firing sends nothing.
+    // A firing sends nothing under progressive.
     Sighting::Once,
 ];
 /// Sightings that need backlogs around the limit of a gate.
