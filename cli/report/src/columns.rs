@@ -1,8 +1,9 @@
 //! A judged trace as columns of small numbers, for the page.
 //!
-//! Events stand in the order of the file, so that in a whole trace an event's line is its place plus 2. Instants are
-//! differences: the page reads them as doubles, exact up to 104 days. Of a trace with too many events the first ones are
-//! shown and counted, and the verdict is about all.
+//! Events are in the order of the file, so in a whole trace an event's line is its index plus 2.
+//! Instants are differences. The page reads them as doubles, which are exact up to 104 days. If a
+//! trace has too many events, the page shows and counts only the first ones, but the verdict covers
+//! all of them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,23 +22,24 @@ use crate::quantile::Quantile;
 use crate::reasons;
 use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
 
-/// The greatest number up to which a script's numbers are exact.
+/// The greatest number up to which a script's integers are exact.
 const EXACT: u64 = (1 << 53) - 1;
-/// At most this many of the times at which requests are due are drawn.
+/// The page draws at most this many of the times after which requests are due.
 const DEADLINES: usize = 3;
-/// A capped trace names at most this many violations beyond the listed ones.
+/// A capped trace marks at most this many violations beyond the listed ones.
 const MARKS: usize = 1 << 16;
 
 /// One trace while it is read.
 pub(crate) struct TraceColumns {
-    /// The first ones with their lines.
+    /// The first events, with their lines.
     events: Vec<(u64, Event)>,
     is_part: bool,
     /// At most this many events are shown.
     most: usize,
-    /// The number of events that came after those.
+    /// The number of events that came after these.
     left_out: u64,
-    /// The sources in the order of their first mention: local, the header's, strangers.
+    /// The sources in the order of their first mention: local, the header's clouds, then unknown
+    /// sources.
     sources: BTreeMap<u64, usize>,
     statistics: TraceStatistics,
     deadlines: RequestDeadlines,
@@ -45,74 +47,76 @@ pub(crate) struct TraceColumns {
     lineages: BTreeMap<u64, MessageLineage>,
 }
 
-/// The lineage of a message, and its age when it was opened.
+/// The origin of a message, and its age when it was opened.
 struct MessageLineage {
     origin: Option<Origin>,
     age: Option<u64>,
-    /// The inputs of joins on its way that nothing came from.
+    /// The inputs of joins on its way from which nothing came.
     missing: Vec<Arc<str>>,
 }
 
-/// One trace as the page has it.
+/// One trace in the form of the page.
 #[derive(Serialize)]
 pub(crate) struct PageTrace {
     file: String,
     operator: Option<String>,
     window: u16,
     commit: &'static str,
-    /// Tolerance and lateness, if judged as observed.
+    /// The tolerance and the lateness, if the trace is judged as observed.
     observed: Option<[u64; 2]>,
     sources: Vec<SourceColumn>,
     conforms: bool,
     judged: u64,
-    /// The doubts: the things that the judge could not see.
+    /// The doubts: facts that the judge could not see.
     doubts: Vec<Doubt>,
     /// The cause that explains most violations, if one cause does.
     #[serde(skip_serializing_if = "Option::is_none")]
     cause: Option<String>,
     lines: u64,
-    /// The first ones in full.
+    /// The first violations in full.
     violations: Vec<ViolationRow>,
-    /// The places of all the others.
+    /// The places of all other violations.
     places: ViolationPlaces,
     #[serde(rename = "account")]
     totals: Sums,
-    /// The deadlines that requests had, the commonest first.
+    /// The deadlines of requests, the commonest first.
     deadlines: Vec<ExactNumber>,
     /// Facts about the run that its trace does not have.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) run: Option<RunNotes>,
     /// The instant from which `at` counts.
     origin: ExactNumber,
-    /// The timestamps, ascending, each as its difference from the one before.
+    /// The timestamps in ascending order, each as its difference from the one before.
     timestamps: Vec<ExactNumber>,
-    /// The outcome of each message: the index of the source whose result was forwarded, or a number below 0.
+    /// The outcome of each message: the index of the source whose result was forwarded, or a
+    /// negative number.
     outcome: Vec<i64>,
-    /// The fates of their requests: for each timestamp one digit for each source, the column of its fate, or 0.
+    /// The fates of the requests. Each timestamp has one digit for each source: the column of its
+    /// fate, or 0.
     fates: String,
-    /// The lineages of messages, where they have one.
+    /// The lineages of the messages that have one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     lineages: Vec<LineageRow>,
-    /// A letter an event.
+    /// One letter for each event.
     ev: String,
-    /// Each instant as its difference from the event's before.
+    /// Each instant, as its difference from the previous event's.
     at: Vec<i128>,
-    /// The timestamp's place, each as its difference from the event's before; a tick has none.
+    /// The index of each timestamp, as its difference from the previous event's. A tick has none.
     t: Vec<i64>,
-    /// The source's place plus 1, or 0.
+    /// The index of the source plus 1, or 0.
     p: Vec<usize>,
-    /// Further values of some events, in the events' order; see `more_of`.
+    /// Further values of some events, in the order of the events. [`more_of`] describes them.
     x: Vec<i128>,
-    /// The line numbers of events, each as its difference from the one before. `None` if each event's line is its
-    /// place plus 2.
+    /// The line of each event, as its difference from the previous event's. `None` if each event's
+    /// line is its index plus 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<Vec<ExactNumber>>,
-    /// If events are left out for their number.
+    /// The totals of the trace, if it has more events than are shown.
     #[serde(skip_serializing_if = "Option::is_none")]
     capped: Option<CappedSums>,
 }
 
-/// The totals of a trace, of which the page shows only the first events.
+/// The totals of a trace of which the page shows only the first events.
 #[derive(Serialize)]
 struct CappedSums {
     events: u64,
@@ -122,7 +126,7 @@ struct CappedSums {
 /// The lineage of one message.
 #[derive(Serialize)]
 struct LineageRow {
-    /// The timestamp's place.
+    /// The index of the timestamp.
     t: usize,
     /// The age of the message when it was opened.
     age: Option<ExactNumber>,
@@ -135,17 +139,17 @@ struct LineageRow {
 /// The places of violations, without their details.
 #[derive(Default, Serialize)]
 struct ViolationPlaces {
-    /// Each rule that they break, with its sentence.
+    /// The rules that they break, each with its sentence.
     rules: Vec<(&'static str, &'static str)>,
-    /// Each one's rule, as its place in `rules`.
+    /// The rule of each violation, as its index in `rules`.
     rule: Vec<usize>,
-    /// Each line as its difference from the one before.
+    /// Each line, as its difference from the line before.
     line: Vec<i128>,
-    /// The timestamp's place plus 1, or 0.
+    /// The index of the timestamp plus 1, or 0.
     t: Vec<usize>,
 }
 
-/// The sums over the trace. The page itself counts nothing.
+/// The sums over the trace, because the page itself counts nothing.
 #[derive(Serialize)]
 struct Sums {
     messages: u64,
@@ -163,11 +167,11 @@ struct SourceRow {
     place: usize,
     counts: [u64; 8],
     response: [ResponseColumn; 3],
-    /// The least, the median and the greatest that its requests had.
+    /// The least, the median and the greatest deadline of its requests.
     deadlines: Option<[ExactNumber; 3]>,
 }
 
-/// A quantile of response times in nanoseconds; `never` if too many messages have no output.
+/// A quantile of response times in nanoseconds. It is `never` if too many messages have no output.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum ResponseColumn {
@@ -180,14 +184,14 @@ enum ResponseColumn {
 struct SourceColumn {
     p: ExactNumber,
     name: Option<String>,
-    /// `true` if the header names it; local is named.
+    /// `true` if the header names the source, or it is local.
     known: bool,
 }
 
 #[derive(Serialize)]
 struct ViolationRow {
     line: u64,
-    /// The timestamp's place.
+    /// The index of the timestamp.
     t: Option<usize>,
     rule: &'static str,
     sentence: &'static str,
@@ -196,12 +200,12 @@ struct ViolationRow {
     late: Option<u64>,
 }
 
-/// A number that is written as a text where a script could not hold it.
+/// A number that is written as a text if a script cannot hold it exactly.
 #[derive(Clone, Copy)]
 struct ExactNumber(u64);
 
 impl TraceColumns {
-    /// Makes the columns of a trace of which at most `most` events are shown.
+    /// Creates the columns of a trace of which at most `most` events are shown.
     pub(crate) fn new(header: &Header, is_observed: bool, most: usize) -> Self {
         let mut columns = Self {
             events: Vec::new(),
@@ -232,7 +236,7 @@ impl TraceColumns {
         self
     }
 
-    /// Takes the next event. Those that are too many are counted, and change nothing else.
+    /// Takes the next event. If too many came before it, it is only counted.
     pub(crate) fn push(&mut self, line: u64, event: Event, annotations: &Annotations) {
         if self.events.len() >= self.most {
             self.left_out += 1;
@@ -337,13 +341,13 @@ impl TraceColumns {
         page_trace
     }
 
-    /// Returns the violations that are marked beside those listed.
+    /// Returns the violations that are marked in addition to the listed ones.
     fn marked<'a>(&self, places: &'a [ViolationPlace]) -> &'a [ViolationPlace] {
         let most = if self.left_out > 0 { MARKS } else { usize::MAX };
         &places[..places.len().min(most)]
     }
 
-    /// Returns the place of a source that the trace mentions.
+    /// Returns the index of a source that the trace mentions.
     fn place(&self, p: u64) -> usize {
         self.sources.get(&p).copied().unwrap_or_default()
     }
@@ -509,8 +513,9 @@ const fn priority(event: &Event) -> Option<u64> {
     }
 }
 
-/// Appends the further values of an event: of an open its deadline or −1, of an offer its deadline and backlog, of a
-/// request the time to its due instant, of a refusal and a drop the index of its reason.
+/// Appends the further values of an event. An open has its deadline or −1. An offer has its
+/// deadline and its backlog. A request has the time to its due instant. A refusal or a drop has the
+/// index of its reason.
 fn more_of(event: &Event, x: &mut Vec<i128>) {
     let place = |place: usize| i128::try_from(place).unwrap_or(i128::MAX);
     match *event {

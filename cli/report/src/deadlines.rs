@@ -5,18 +5,19 @@ use std::collections::BTreeMap;
 
 use fuseline_traces::{Commit, Decision, Event, Input, OpenRefusal};
 
-/// No more messages are kept to find when a request's was opened.
+/// The greatest number of messages that are remembered with the instants of their opens.
 const OPEN: usize = 4096;
-/// To how many decimal digits the times from the message are rounded: requests are sent some microseconds after it.
+/// The number of decimal digits to which the times from the message are rounded. Requests are sent
+/// some microseconds after their message.
 const DIGITS: u32 = 3;
 
 /// Counts the requests of each source by their deadlines, in nanoseconds.
 pub(crate) struct RequestDeadlines {
     commit: Commit,
     of: BTreeMap<u64, Counts>,
-    /// From a request's message until the request is due, rounded.
+    /// The times from a request's message until the request is due, rounded.
     after_open: Counts,
-    /// The instants at which the open messages came.
+    /// The instants at which the messages were opened.
     opened: BTreeMap<u64, u64>,
 }
 
@@ -66,7 +67,8 @@ impl RequestDeadlines {
         counted.into_iter().take(most).map(|(deadline, _)| *deadline).collect()
     }
 
-    /// Returns the least, the median by nearest rank, and the greatest of a source; none if nothing was requested of it.
+    /// Returns the least deadline of a source's requests, the median by nearest rank, and the
+    /// greatest, or `None` if the source got no request.
     pub(crate) fn spread(&self, p: u64) -> Option<[u64; 3]> {
         let counts = self.of.get(&p)?;
         let rank = counts.values().sum::<u64>().div_ceil(2);
@@ -79,7 +81,7 @@ impl RequestDeadlines {
     }
 }
 
-/// Rounds to this many digits, to the nearest.
+/// Rounds to the nearest number with [`DIGITS`] digits.
 fn rounded(nanos: u64) -> u64 {
     let unit = 10_u64.pow(nanos.checked_ilog10().unwrap_or(0).saturating_sub(DIGITS - 1));
     nanos.saturating_add(unit / 2) / unit * unit

@@ -1,4 +1,4 @@
-//! Either judge, line by line, about a whole trace or a part of it.
+//! Runs either judge line by line, on a whole trace or a part of it.
 
 use fuseline_traces::observed::{self, Slack, TimeOrderError};
 use fuseline_traces::{
@@ -19,20 +19,21 @@ pub struct TraceJudge {
 
 #[derive(Debug)]
 enum EitherJudge {
-    /// Every decision is the one that the rules demand.
+    /// Checks that every decision is the one that the rules demand.
     Strict(Box<Judge>),
-    /// The rules can explain each timestamp.
+    /// Checks that the rules can explain each timestamp.
     Observed(Box<observed::Judge>),
 }
 
-/// The findings in a part of the trace. All of it is judged, since what the rules demand depends on what came before.
+/// The findings in a part of the trace. The whole trace is judged, because the rules' demands
+/// depend on everything before.
 #[derive(Debug)]
 struct PartVerdict {
     filter: PartFilter,
     /// The violations of the part.
     found: Verdict,
     keeps_places: bool,
-    /// Judges the part by itself, for what is in doubt about the whole of it.
+    /// Judges the part alone, for doubts about the whole trace.
     alone: Option<Box<observed::Judge>>,
 }
 
@@ -50,13 +51,13 @@ impl TraceJudge {
     }
 
     /// Judges for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict
-    /// judge compares decisions alone and takes no notice of it.
+    /// judge compares only decisions, so it ignores the period.
     #[must_use]
     pub fn with_period(self, period: u64) -> Self {
         self.map(|judge| judge, |judge| judge.with_period(period))
     }
 
-    /// Judges a trace whose header has these further keys.
+    /// Judges a trace whose header has these annotations.
     #[must_use]
     pub fn with_header_annotations(self, annotations: &HeaderAnnotations) -> Self {
         self.map(
@@ -65,14 +66,14 @@ impl TraceJudge {
         )
     }
 
-    /// Judges with a tolerance for the stamps of source `p` alone, in nanoseconds; 0 is local. The
-    /// strict judge takes stamps as they are.
+    /// Judges with this tolerance for the stamps of source `p` alone, in nanoseconds; source 0 is
+    /// local. The strict judge takes stamps as they are.
     #[must_use]
     pub fn with_tolerance_of(self, p: u64, tolerance: u64) -> Self {
         self.map(|judge| judge, |judge| judge.with_tolerance_of(p, tolerance))
     }
 
-    /// Also notes where each violation is beyond those that it reports in full.
+    /// Also records the places of violations beyond those that it reports in full.
     #[must_use]
     pub fn with_places(mut self) -> Self {
         if let Some(part) = &mut self.part {
@@ -82,7 +83,7 @@ impl TraceJudge {
         self.map(Judge::with_places, observed::Judge::with_places)
     }
 
-    /// Gives a verdict about a part of the trace: what is counted and found there.
+    /// Gives a verdict on a part of the trace, with the counts and violations of that part.
     #[must_use]
     pub fn with_part(mut self, part: TraceRange) -> Self {
         let found = self.judge.so_far().clone();
@@ -95,18 +96,18 @@ impl TraceJudge {
         self
     }
 
-    /// Judges the next line, which has no further keys.
+    /// Judges the next line, which has no annotations.
     ///
     /// # Errors
-    /// If an observed trace is further out of order than its tolerance.
+    /// Returns an error if an observed trace is further out of order than its tolerance.
     pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         self.annotated_line(line, event, &Annotations::NONE)
     }
 
-    /// Judges the next line, which has these further keys.
+    /// Judges the next line with its annotations.
     ///
     /// # Errors
-    /// If an observed trace is further out of order than its tolerance.
+    /// Returns an error if an observed trace is further out of order than its tolerance.
     pub fn annotated_line(
         &mut self,
         line: u64,
@@ -128,14 +129,15 @@ impl TraceJudge {
         Ok(())
     }
 
-    /// Returns the violations listed so far, without the first `known` of them.
+    /// Returns the violations listed so far, except the first `known` of them.
     #[must_use]
     pub fn since(&self, known: usize) -> &[Violation] {
         let so_far = self.part.as_ref().map_or_else(|| self.judge.so_far(), |part| &part.found);
         so_far.violations.get(known..).unwrap_or_default()
     }
 
-    /// Returns the verdict on the whole: what is not there is missing. Violations stand by their lines.
+    /// Returns the verdict on the whole trace. Lines that are not there are missing. Violations are
+    /// in the order of their lines.
     #[must_use]
     pub fn finish(self) -> Verdict {
         let found = match self.judge {
@@ -145,8 +147,8 @@ impl TraceJudge {
         PartVerdict::of(self.part, found, observed::Judge::finish).sorted()
     }
 
-    /// Returns the verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
-    /// their lines.
+    /// Returns the verdict on the whole trace of a run that is known to have ended, so everything
+    /// that it still owed is overdue. Violations are in the order of their lines.
     #[must_use]
     pub fn finish_ended(self) -> Verdict {
         let found = match self.judge {
@@ -156,8 +158,9 @@ impl TraceJudge {
         PartVerdict::of(self.part, found, observed::Judge::finish_ended).sorted()
     }
 
-    /// Returns the verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
-    /// they were found. Also whether decisions of the last input were missing, which are not judged.
+    /// Returns the verdict on a trace that may continue or was cut short. Lines that are not there
+    /// may still come. Violations are in the order in which they were found. The second value is
+    /// `true` if decisions of the last input were missing; these are not judged.
     #[must_use]
     pub fn finish_early(self) -> (Verdict, bool) {
         let (found, is_cut) = match self.judge {
@@ -197,14 +200,15 @@ impl EitherJudge {
 }
 
 impl PartVerdict {
-    /// Takes those of these violations that are of the part.
+    /// Takes the violations that belong to the part.
     fn take(&mut self, violations: Vec<Violation>) {
         for violation in violations.into_iter().filter(|it| self.filter.has(it.t)) {
             self.found.count(violation.place(), self.keeps_places, || violation);
         }
     }
 
-    /// Returns the verdict on the part, if it is one, else on all; `finish` ends the judge of the part alone.
+    /// Returns the verdict on the part if there is one, or else the verdict on the whole trace.
+    /// `finish` ends the judge of the part alone.
     fn of(part: Option<Self>, whole: Verdict, finish: fn(observed::Judge) -> Verdict) -> Verdict {
         let Some(mut part) = part else { return whole };
         part.take(whole.violations);
@@ -226,12 +230,14 @@ fn doubts_of(whole: &[Doubt], judged: u64, filter: &PartFilter) -> impl Iterator
     Doubt::unjudged(judged).into_iter().chain(of_part)
 }
 
-/// Returns whether a doubt is about the whole trace, not about single messages or about whether there are any.
+/// Returns `true` if a doubt is about the whole trace, and neither about single messages nor about
+/// whether there are any.
 fn is_of_whole(doubt: &Doubt) -> bool {
     doubt.messages.is_empty() && doubt.kind != DoubtKind::Unjudged
 }
 
-/// Returns the verdict without decisions that the last input still lacks, and whether there are any.
+/// Returns the verdict without the decisions that the last input still lacks, and `true` if there
+/// are any.
 fn without_last(judge: Judge) -> (Verdict, bool) {
     let so_far = judge.so_far();
     let (known, more, all) = (so_far.violations.len(), so_far.more, so_far.broken());

@@ -1,14 +1,14 @@
-//! Facts about a run that its trace does not have.
+//! Facts about a run that are not in its trace.
 
 use serde::{Deserialize, Serialize};
 
-/// Describes a run, and states what other policies would have achieved, as the page shows it.
+/// Describes a run, and the scores that other policies would have had, for the page.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunNotes {
     /// Names and values.
     pub configuration: Vec<(String, String)>,
-    /// A row a policy, the run's own first.
+    /// One row for each policy, with the run's own policy first.
     pub policies: PolicyScores,
     /// Sentences that limit what the figures mean, one or two for each limit.
     pub caveats: Vec<String>,

@@ -8,14 +8,14 @@ use crate::columns::PageTrace;
 use crate::reasons::{ReasonColumn, drops, refusals};
 use crate::statistics::COLUMNS;
 
-/// The text; each mark in it is replaced by what it names.
+/// The text. Each mark in it is replaced by the part that it names.
 const PAGE: &str = include_str!("../page/page.html");
-/// Made by `npm run build`, with the licences of what is in them.
+/// `npm run build` makes the script, with the licences of its parts.
 const SCRIPT: &str = include_str!("../page/dist/report.js");
 const STYLE: &str = include_str!("../page/dist/report.css");
 const LICENSES: &str = include_str!("../page/dist/LICENSES.txt");
 
-/// All of the page's data; it has no words of its own for these.
+/// All data of the page. The page itself has no names for the counts and reasons.
 #[derive(Serialize)]
 pub(crate) struct Data<'a> {
     /// The counts of a source's requests: the word for each count and its meaning.
@@ -31,7 +31,7 @@ impl<'a> Data<'a> {
     }
 }
 
-/// Writes it.
+/// Writes the page.
 pub(crate) fn write(out: &mut impl Write, data: &Data<'_>) -> io::Result<()> {
     for (i, part) in PAGE.split("@@").enumerate() {
         match (i % 2, part) {
@@ -45,8 +45,8 @@ pub(crate) fn write(out: &mut impl Write, data: &Data<'_>) -> io::Result<()> {
     Ok(())
 }
 
-/// JSON that can stand in a page: no name in it can end the element or begin another, since `<` is
-/// written as a script's text has it. It stands in texts only, so that the JSON means the same.
+/// Writes JSON that is safe inside a page. It escapes `<` as scripts do, so no name can end the
+/// element or begin another. `<` occurs only in JSON's texts, so the JSON means the same.
 struct Inline<W>(W);
 
 impl<W: Write> Write for Inline<W> {

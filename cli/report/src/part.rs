@@ -4,26 +4,26 @@ use std::collections::HashMap;
 
 use fuseline_traces::{Decision, Event, Input, observed};
 
-/// Selects the messages of a trace that are wanted. The default is all.
+/// Selects messages of a trace. The default selects all of them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TraceRange {
     /// Messages that begin this long after the trace's first instant, in nanoseconds, or later.
     pub from: u64,
-    /// And before this.
+    /// Messages that begin before this time.
     pub to: u64,
     /// Timestamps from this one on.
     pub first: u64,
-    /// And up to this one.
+    /// Timestamps up to this one.
     pub last: u64,
 }
 
-/// Decides for each event whether it is of the part. It remembers each message.
+/// Decides for each event whether it belongs to the part. It remembers each message.
 #[derive(Clone, Debug)]
 pub struct PartFilter {
     part: TraceRange,
     /// The first instant.
     origin: Option<u64>,
-    /// The greatest one.
+    /// The greatest instant.
     greatest: u64,
     messages: HashMap<u64, PartMessage>,
     /// `true` if the last event was in the part.
@@ -52,7 +52,8 @@ impl PartFilter {
         Self { part, origin: None, greatest: 0, messages: HashMap::new(), is_inside: false }
     }
 
-    /// Returns `true` if the next event is of the part: with its message, or, if it is a tick, by its instant.
+    /// Returns `true` if the next event belongs to the part. A tick belongs by its instant, and any
+    /// other event by its message.
     pub fn takes(&mut self, event: &Event) -> bool {
         let TraceRange { from, to, first, last } = self.part;
         let at = match event {
@@ -91,20 +92,21 @@ impl PartFilter {
         message.is_wanted
     }
 
-    /// Returns `true` if a violation is of the part: its message is, or the last event if it is about none.
+    /// Returns `true` if a violation belongs to the part. If it is about no message, it belongs
+    /// with the last event.
     pub(crate) fn has(&self, t: Option<u64>) -> bool {
         let message = t.and_then(|t| self.messages.get(&t));
         message.map_or(self.is_inside, |message| message.is_wanted)
     }
 
-    /// Returns a judge of the part alone, at the instant at which the whole trace ends.
+    /// Ends the judge of the part alone at the instant at which the whole trace ends.
     pub(crate) fn ends(&self, mut alone: observed::Judge) -> Option<observed::Judge> {
         let (line, at) = (alone.so_far().lines, self.greatest);
         alone.line(line, &Event::Input(Input::Tick { at })).ok()?;
         Some(alone)
     }
 
-    /// Returns the number of messages of the part that were judged.
+    /// Returns the number of judged messages of the part.
     pub(crate) fn judged(&self) -> u64 {
         let judged =
             |message: &&PartMessage| message.is_wanted && message.is_open && message.is_touched;
@@ -126,7 +128,7 @@ mod tests {
         let takes = [(100, 1), (109, 2), (110, 3), (119, 4), (120, 5)]
             .map(|(at, t)| filter.takes(&open(at, t)));
         assert_eq!(takes, [false, false, true, true, false]);
-        // Later events of the message go with it.
+        // Later events of a message belong where the message does.
         assert!(filter.takes(&Event::Input(Input::Result { at: 500, t: 3, p: 0 })));
         assert!(!filter.takes(&Event::Input(Input::Result { at: 115, t: 2, p: 0 })));
         assert!(!filter.takes(&Event::Input(Input::Tick { at: 500 })));

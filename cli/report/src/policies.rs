@@ -1,7 +1,9 @@
-//! Rival policies, offline: the same arrivals under fusion, fusion with one deadline, local only, cloud only and first
-//! response wins. What a trace does not show, since a call was ended early, gives bounds.
+//! Compares rival policies offline, on the same arrivals: fusion, fusion with one deadline, local
+//! only, cloud only and first response wins. If a call was ended early, the trace does not show
+//! when its result would have come, so the figures are bounds.
 //!
-//! [`TraceStatistics::messages`](crate::TraceStatistics::messages) has the arrivals of a trace; others are made by hand:
+//! [`TraceStatistics::messages`](crate::TraceStatistics::messages) returns the arrivals of a trace.
+//! Others are made by hand:
 //!
 //! ```
 //! use std::time::Duration;
@@ -40,13 +42,14 @@ pub enum ComparedPolicy {
     Fusion,
     /// One constant deadline for all requests.
     Constant(ConstantPolicy),
-    /// Local's result, whenever it is there.
+    /// Local's result, whenever it comes.
     LocalOnly,
     /// This source's result, however long that takes.
     CloudOnly(usize),
-    /// Whichever result is there first.
+    /// The first result that comes.
     FirstWins,
-    /// Each better result at once, until the deadline (F9). Clouds have these priorities, in the order of the sources.
+    /// Each better result at once, until the deadline (F9). The clouds have these priorities, in
+    /// the order of the sources.
     Progressive(Vec<u16>),
 }
 
@@ -56,30 +59,31 @@ pub enum ComparedPolicy {
 /// results would have been.
 #[derive(Clone, PartialEq, Debug)]
 pub struct PolicyScore {
-    /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
-    /// if some model has no figure.
+    /// The mean COCO AP. An output that is missing or whose result came too late counts as 0.
+    /// `None` if a model has no figure.
     pub ap: Option<BoundedFigure<f64>>,
-    /// Outputs whose result was there before the deadline.
+    /// The outputs whose results came before the deadline.
     pub in_time: BoundedFigure<u64>,
-    /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
-    /// messages.
+    /// The response times that half, 90 % and 99 % of the messages do not exceed. `None` if there
+    /// are no messages.
     pub quantiles: [Option<Quantile>; 3],
-    /// The response time that half of the messages in outages do not exceed. None without such; a
-    /// bound where there may be none.
+    /// The response time that half of the messages in outages do not exceed. `None` if there are no
+    /// such messages, and a bound if there may be none.
     pub outage: Option<Quantile>,
 }
 
 /// The choice of a policy for one message, as far as it is known.
 struct PolicyChoice {
     response: Response,
-    /// The source whose result the policy has before the deadline, or `None` if it has no result in time. There is
-    /// more than one element if that is not known.
+    /// The source whose result the policy has before the deadline, or `None` if it has no result in
+    /// time. If that is not known, there are several elements.
     in_time: Vec<Option<usize>>,
 }
 
 impl ComparedPolicy {
-    /// Returns how much the policy needs of `all`, which is what the admitted requests to each source need. It is
-    /// `None` for fusion, which cancels some requests before they are sent, whatever its deadlines are.
+    /// Returns how much the policy needs out of `all`, the amount that the admitted requests to
+    /// each source need. It returns `None` for fusion, because fusion cancels some requests before
+    /// they are sent, whatever its deadlines are.
     #[must_use]
     pub fn needs(&self, all: &[u64]) -> Option<u64> {
         match *self {
@@ -90,13 +94,12 @@ impl ComparedPolicy {
         }
     }
 
-    /// The policy's score; `aps` is each source's COCO AP and `deadline` what its result has to
-    /// beat.
-    ///
-    /// A result at its deadline is late (A1).
+    /// Returns the policy's score. `aps` has the COCO AP of each source. A result counts if it
+    /// comes before `deadline`; a result at its deadline is late (A1).
     ///
     /// # Panics
-    /// If a message has more sources than `aps`, or a policy a source that there is not.
+    /// Panics if a message has more sources than `aps`, or the policy names a source that does not
+    /// exist.
     #[must_use]
     pub fn score(
         &self,
@@ -178,8 +181,8 @@ fn alone(arrivals: &[ArrivalTime], source: usize, deadline: Duration) -> PolicyC
     PolicyChoice { response: arrivals[source].into(), in_time }
 }
 
-/// The first result of all. What was ended before may have been first, but nothing comes later than
-/// the first that is known.
+/// Chooses the first result of all. A call that was ended early may have been first, but the output
+/// is no later than the first known result.
 fn first(arrivals: &[ArrivalTime], deadline: Duration) -> PolicyChoice {
     let known = arrivals.iter().enumerate().filter_map(|(source, arrival)| match *arrival {
         ArrivalTime::At(at) => Some((at, source)),

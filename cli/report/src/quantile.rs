@@ -1,4 +1,4 @@
-//! Response times by nearest ranks, also where some of them are not known.
+//! Response times by nearest ranks, even if some of them are not known.
 
 use std::time::Duration;
 
@@ -9,10 +9,11 @@ use serde::{Serialize, Serializer};
 pub enum ArrivalTime {
     /// At this time.
     At(Duration),
-    /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
-    /// What the trace has at that instant came first.
+    /// Unknown, but later than this, if ever. The call was ended at this time before its result
+    /// came. Events of the trace at the same instant came first.
     After(Duration),
-    /// No result will come, as was known then; at once if nothing was requested of the source.
+    /// No result will come, which was known at this time. The time is 0 if nothing was requested of
+    /// the source.
     Failed(Duration),
     /// Its network never came back.
     Never,
@@ -21,31 +22,32 @@ pub enum ArrivalTime {
 /// A response time, as far as it is known.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Response {
-    /// It is no less.
+    /// It is at least this.
     pub least: Duration,
-    /// It is no greater; [`NEVER`] where it may not end.
+    /// It is at most this, or [`NEVER`] if it may not end.
     pub most: Duration,
 }
 
 /// The response time of a message without output.
 pub const NEVER: Duration = Duration::MAX;
 
-/// A quantile of response times; that of a message without output never ends.
+/// A quantile of response times. The response time of a message without output never ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Quantile {
     /// Exactly this.
     Exactly(Duration),
-    /// No less than this: some response times are not known.
+    /// At least this, because some response times are not known.
     AtLeast(Duration),
-    /// Never: too many messages have no output.
+    /// Never, because too many messages have no output.
     Never,
 }
 
-/// The quantiles shown, in percent.
+/// The quantiles that are shown, in percent.
 pub const PERCENT: [usize; 3] = [50, 90, 99];
 
 impl Serialize for Quantile {
-    /// Milliseconds; `{"at_least":…}` where some are not known, null where it never ends.
+    /// Writes milliseconds, `{"at_least":…}` if some response times are not known, or null if it
+    /// never ends.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let ms = |at: Duration| at.as_secs_f64() * 1000.0;
         let written = match *self {
@@ -57,7 +59,7 @@ impl Serialize for Quantile {
     }
 }
 
-/// A quantile as it is written, in milliseconds.
+/// The form in which a quantile is written, in milliseconds.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum WrittenQuantile {
@@ -67,7 +69,7 @@ enum WrittenQuantile {
 }
 
 impl Response {
-    /// Returns a response time that is known; none never ends.
+    /// Returns a response time that is known. `None` never ends.
     #[must_use]
     pub fn exactly(at: Option<Duration>) -> Self {
         let at = at.unwrap_or(NEVER);
@@ -80,20 +82,20 @@ impl From<ArrivalTime> for Response {
         match arrival {
             ArrivalTime::At(at) => Self::exactly(Some(at)),
             ArrivalTime::After(bound) => Self { least: bound, most: NEVER },
-            // No output however long one waits.
+            // There is no output, however long one waits.
             ArrivalTime::Failed(_) | ArrivalTime::Never => Self::exactly(None),
         }
     }
 }
 
-/// Returns the quantiles at [`PERCENT`], by nearest ranks, or `None` without responses.
+/// Returns the quantiles at [`PERCENT`], by nearest ranks, or `None` if there are no responses.
 #[must_use]
 pub fn quantiles(responses: &[Response]) -> [Option<Quantile>; 3] {
     quantiles_among(responses, &[])
 }
 
-/// The same, where it is not known which of the `possible` responses belong to the others. Bounds
-/// hold whichever do; there are none if none surely does and none is possible.
+/// Does the same if it is not known which of the `possible` responses count. The bounds hold
+/// whichever of them count. They are `None` if no response is sure and none is possible.
 #[must_use]
 pub fn quantiles_among(sure: &[Response], possible: &[Response]) -> [Option<Quantile>; 3] {
     let sorted = |responses: &[Response], time: fn(&Response) -> Duration| {
@@ -113,7 +115,8 @@ pub fn quantiles_among(sure: &[Response], possible: &[Response]) -> [Option<Quan
     })
 }
 
-/// Returns the lowest that a quantile can be: those possible belong if they are no greater, which lowers it.
+/// Returns the lowest value of a quantile. The possible responses that are no greater count,
+/// because they lower it.
 fn lowest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
     let reaches = |time: &Duration| {
         let [sure_below, possible_below] =
@@ -126,7 +129,8 @@ fn lowest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Durat
     [first(sure), first(possible)].into_iter().flatten().min()
 }
 
-/// Returns the greatest that a quantile can be: those possible belong if they are no less, which raises it.
+/// Returns the greatest value of a quantile. The possible responses that are no less count, because
+/// they raise it.
 fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
     let is_reached = |time: &Duration| {
         let [sure_below, possible_below] =

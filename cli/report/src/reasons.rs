@@ -3,14 +3,14 @@
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use serde::Serialize;
 
-/// One reason; the columns name it by its place.
+/// One reason. The columns refer to it by its index.
 #[derive(Serialize)]
 pub(crate) struct ReasonColumn {
     word: &'static str,
     sentence: &'static str,
 }
 
-/// Returns the reasons of refusals: first those of an open, then those of an offer.
+/// Returns the reasons of refusals: first the reasons for opens, then those for offers.
 pub(crate) fn refusals() -> Vec<ReasonColumn> {
     let opens =
         OpenRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });

@@ -1,7 +1,7 @@
-//! The reckoning: what became of each message and of each request, read from a trace.
+//! The statistics: the outcome of each message and of each request, read from a trace.
 //!
-//! The tables of `fuseline run` and the page of `fuseline report` tell this and no other, in the
-//! words of [`COLUMNS`].
+//! The tables of `fuseline run` and the page of `fuseline report` show these statistics and no
+//! others, under the names in [`COLUMNS`].
 
 mod history;
 mod sums;
@@ -19,8 +19,8 @@ use crate::statistics::history::{
 use crate::statistics::sums::MessageSums;
 use crate::timestamp_map::TimestampMap;
 
-/// The counts of a source's requests, each with its meaning. Local has a request for each accepted message. The first
-/// count is the sum of the next six.
+/// The counts of a source's requests, each with its meaning. Local has a request for each accepted
+/// message. The first count is the sum of the next six.
 pub const COLUMNS: [(&str, &str); 8] = [
     ("requests", "offers admitted (F2); local's are the messages taken on (F1)"),
     ("forwarded", "its result went downstream (F7)"),
@@ -38,12 +38,12 @@ pub const COLUMNS: [(&str, &str); 8] = [
 
 /// Collects the statistics of a trace, line by line.
 ///
-/// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
-/// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
-/// instant and its message's end was in time.
+/// Each request has exactly one fate, so a row adds up whatever the trace contains. If an observed
+/// trace lacks the line of a decision, the request's own lines decide: a result was in time if it
+/// came before its due instant and before its message's end.
 pub struct TraceStatistics {
-    /// Local's priority, the clouds', then those of strangers that a trace requests or forwards against
-    /// the rules.
+    /// The priorities of local and of the clouds. Then those of unknown sources that a trace
+    /// requests or forwards against the rules.
     priorities: Vec<u64>,
     /// The number of these sources that are local or a registered cloud.
     known: usize,
@@ -51,9 +51,9 @@ pub struct TraceStatistics {
     is_observed: bool,
     /// `true` if a `final` ends a timestamp that had an output (F9).
     has_finals: bool,
-    /// Offers refused, by source.
+    /// The refused offers, by source.
     refused: Vec<u64>,
-    /// Opens refused.
+    /// The number of refused opens.
     turned_away: u64,
     stories: TimestampMap<TimestampHistory>,
     timer_lag: Option<Duration>,
@@ -62,19 +62,19 @@ pub struct TraceStatistics {
 /// The totals of a trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Totals {
-    /// Messages that came: forwarded, missed, refused or open.
+    /// The messages that came: forwarded, missed, refused or open.
     pub messages: u64,
-    /// A result went downstream (F7).
+    /// The messages of which a result went downstream (F7).
     pub forwarded: u64,
-    /// Nothing came in time: retired without a result (F6).
+    /// The messages that were retired without a result, because nothing came in time (F6).
     pub missed: u64,
-    /// Opens refused (F1).
+    /// The refused opens (F1).
     pub refused: u64,
-    /// Open as the trace ends.
+    /// The messages that are open when the trace ends.
     pub open: u64,
-    /// Response times over all messages that ended: 50, 90 and 99 % of them do not exceed these.
+    /// The response times that 50, 90 and 99 % of all messages that ended do not exceed.
     pub response: [Option<Quantile>; 3],
-    /// Local first, then the clouds in the order given.
+    /// The rows of local and then of the clouds, in the order given.
     pub rows: Vec<RequestRow>,
 }
 
@@ -83,18 +83,18 @@ pub struct Totals {
 pub struct RequestRow {
     /// Its priority; local's is 0.
     pub p: u64,
-    /// As [`COLUMNS`] says.
+    /// The counts, in the order of [`COLUMNS`].
     pub counts: [u64; 8],
-    /// Response times of the messages that its results answered.
+    /// The response times of the messages that its results answered.
     pub response: [Option<Quantile>; 3],
 }
 
-/// One message: when each source's result was there, and what was forwarded.
+/// One message: when each source's result came, and which one was forwarded.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct MessageRecord {
-    /// By source; local is 0.
+    /// The arrivals by source. Local is source 0.
     pub arrivals: Vec<ArrivalTime>,
-    /// None: missed, or refused for a full window.
+    /// `None` if the message was missed, or refused for a full window.
     pub forwarded: Option<ForwardedOutput>,
 }
 
@@ -112,20 +112,20 @@ pub struct ForwardedOutput {
 pub enum TimestampOutcome {
     /// A result went downstream.
     Forwarded {
-        /// Whose, by its priority.
+        /// The priority of the source.
         p: u64,
     },
     /// It was retired without a result.
     Missed,
-    /// It is open as the trace ends.
+    /// It is open when the trace ends.
     Open,
-    /// Its open was refused, or there is none.
+    /// Its open was refused, or it has none.
     Unopened,
 }
 
 impl MessageRecord {
-    /// Returns whether some cloud that got a request sent neither a result nor a failure before the deadline. It is
-    /// `None` if that is not known.
+    /// Returns `true` if some cloud that got a request sent neither a result nor a failure before
+    /// the deadline, or `None` if that is not known.
     #[must_use]
     pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
         let clouds = || self.arrivals.iter().skip(1);
@@ -141,13 +141,13 @@ impl MessageRecord {
 }
 
 impl RequestRow {
-    /// Offers admitted; local's are the messages taken on.
+    /// Returns the number of admitted offers. For local it is the number of accepted messages.
     #[must_use]
     pub const fn requests(&self) -> u64 {
         self.counts[0]
     }
 
-    /// Offers refused.
+    /// Returns the number of refused offers.
     #[must_use]
     pub const fn refused(&self) -> u64 {
         self.counts[7]
@@ -173,7 +173,7 @@ impl RequestRow {
 }
 
 impl TraceStatistics {
-    /// Makes empty statistics for clouds of these priorities.
+    /// Creates empty statistics for clouds of these priorities.
     pub fn new(clouds: impl IntoIterator<Item = u16>, commit: Commit, is_observed: bool) -> Self {
         let priorities: Vec<u64> =
             [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
@@ -183,7 +183,7 @@ impl TraceStatistics {
             priorities,
             known,
             is_observed,
-            // Observed, a `final` may be missing.
+            // In an observed trace, a `final` may be missing.
             has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
             stories: TimestampMap::default(),
@@ -203,7 +203,7 @@ impl TraceStatistics {
         match *input {
             Input::Open { at, t, deadline } => {
                 let story = self.story(t);
-                // No refusal came between.
+                // No refusal came in between.
                 story.accept();
                 story.offered = Some(at);
                 if story.opened.is_none() {
@@ -269,7 +269,7 @@ impl TraceStatistics {
                 let story = stories.or_insert_with(t, TimestampHistory::default);
                 let last = if has_finals { &mut story.output } else { &mut story.end };
                 let last_p = last.and_then(|last| priorities.get(last.source?));
-                // Under progressive a better one takes its place.
+                // Under progressive, a better output takes its place.
                 if last.is_none() || last_p.is_some_and(|last_p| *last_p < p) {
                     *last = Some(CallEnd { at, source });
                 }
@@ -288,7 +288,8 @@ impl TraceStatistics {
         }
     }
 
-    /// Returns the longest time after its due instant at which a timer was served, or `None` if none fired.
+    /// Returns the longest delay with which a timer was served after its due instant, or `None` if
+    /// no timer fired.
     #[must_use]
     pub const fn timer_lag(&self) -> Option<Duration> {
         self.timer_lag
@@ -338,9 +339,10 @@ impl TraceStatistics {
         sums
     }
 
-    /// Returns the messages that ended, for the policies: each with what each known source gave.
+    /// Returns the messages that ended, each with the arrivals from the known sources, for the
+    /// policies.
     ///
-    /// Nobody got a refused message. If a call was ended before its result, `planned(source,
+    /// A refused message went to no source. If a call was ended before its result, `planned(source,
     /// opened, t)` returns when the result would have come, counted from the message's instant, if
     /// it can.
     pub fn messages(
@@ -386,7 +388,7 @@ impl TraceStatistics {
         }
     }
 
-    /// Changes the source's call for a timestamp, even that of a stranger.
+    /// Changes the source's call for a timestamp, even if the source is unknown.
     fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if self.source(p).is_none() {
             self.priorities.push(p);

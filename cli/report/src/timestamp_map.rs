@@ -1,4 +1,5 @@
-//! A map from timestamps that remembers where it was last: the lines of a trace are mostly about the timestamp of the line before.
+//! A map from timestamps that remembers its last access, because most lines of a trace are about
+//! the same timestamp as the line before.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +8,7 @@ pub(crate) struct TimestampMap<T> {
     /// The index of each value.
     indices: BTreeMap<u64, usize>,
     values: Vec<T>,
-    /// The timestamp that was used last, and where its value is.
+    /// The timestamp that was used last, and the index of its value.
     last: Option<(u64, usize)>,
 }
 
@@ -18,7 +19,7 @@ impl<T> Default for TimestampMap<T> {
 }
 
 impl<T> TimestampMap<T> {
-    /// Returns the value of a timestamp; it is made if there is none.
+    /// Returns the value of a timestamp, which is created if there is none.
     pub(crate) fn or_insert_with(&mut self, t: u64, value: impl FnOnce() -> T) -> &mut T {
         let index = match self.find(t) {
             Some(index) => index,
@@ -38,7 +39,7 @@ impl<T> TimestampMap<T> {
         self.values.get_mut(index)
     }
 
-    /// Returns all of them, ascending.
+    /// Returns all values, by ascending timestamps.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u64, &T)> {
         self.indices.iter().map(|(t, index)| (*t, &self.values[*index]))
     }
@@ -67,7 +68,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// It is a plain map, whatever was used last.
+        /// It behaves like a plain map, whatever was used last.
         #[test]
         fn it_holds_what_a_plain_map_holds(uses in prop::collection::vec((0..3_u8, 0..9_u64), 0..200)) {
             let (mut map, mut plain) = (TimestampMap::default(), BTreeMap::new());

@@ -1,4 +1,4 @@
-//! The page: the traces that it shows, each judged as it is read.
+//! The page with its traces. Each trace is judged as it is read.
 
 use std::io::{self, Write};
 
@@ -11,8 +11,8 @@ use crate::notes::RunNotes;
 use crate::page::{self, Data};
 use crate::part::{PartFilter, TraceRange};
 
-/// A page of one trace holds at most this many events. Of a longer trace it shows and counts the first ones, and says
-/// so. The verdict covers the whole trace.
+/// The greatest number of events of one trace on a page. If a trace is longer, the page shows and
+/// counts the first ones, and says so. The verdict covers the whole trace.
 pub const MOST_EVENTS: usize = 1_250_000;
 /// Each trace may use one eighth of the room that is left, so the room never runs out.
 const PART: usize = 8;
@@ -42,7 +42,8 @@ impl Default for PageWriter {
 }
 
 impl PageWriter {
-    /// Returns a page that holds this many events of a first trace, and fewer of those that follow long ones.
+    /// Returns a page that holds this many events of the first trace, and fewer of the traces that
+    /// follow long ones.
     #[must_use]
     pub const fn with_most_events(most: usize) -> Self {
         Self { page_trace: Vec::new(), room: most.saturating_mul(PART) }
@@ -61,10 +62,10 @@ impl PageWriter {
         }
     }
 
-    /// Writes it: HTML in UTF-8, whole.
+    /// Writes the whole page as HTML in UTF-8.
     ///
     /// # Errors
-    /// If `out` cannot be written to.
+    /// Returns an error if `out` cannot be written.
     pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
         page::write(out, &Data::new(&self.page_trace))
     }
@@ -78,7 +79,7 @@ impl TracePage<'_> {
         self
     }
 
-    /// Judges a trace whose header has these further keys; see
+    /// Judges a trace whose header has these annotations; see
     /// [`TraceJudge::with_header_annotations`].
     #[must_use]
     pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
@@ -102,24 +103,24 @@ impl TracePage<'_> {
         self
     }
 
-    /// Shows what is known of its run beside it.
+    /// Shows these facts about its run beside it.
     pub fn add_notes(&mut self, notes: RunNotes) {
         self.notes = Some(notes);
     }
 
-    /// Takes the next event, with its line and no further keys.
+    /// Takes the next event, with its line and no annotations.
     ///
     /// # Errors
-    /// If an observed trace is further out of order than its tolerance.
+    /// Returns an error if an observed trace is further out of order than its tolerance.
     pub fn event(&mut self, line: u64, event: Event) -> Result<(), TimeOrderError> {
         self.annotated_event(line, event, &Annotations::NONE)
     }
 
-    /// Takes the next event, with its line and its further keys, by which it is judged; the page shows what a
-    /// message comes from and how old it is.
+    /// Takes the next event, with its line and its annotations. They take part in the judgement,
+    /// and the page shows the origin and the age of a message.
     ///
     /// # Errors
-    /// If an observed trace is further out of order than its tolerance.
+    /// Returns an error if an observed trace is further out of order than its tolerance.
     pub fn annotated_event(
         &mut self,
         line: u64,
@@ -134,7 +135,7 @@ impl TracePage<'_> {
         Ok(())
     }
 
-    /// Judges it as a whole and puts it on the page; see [`TraceJudge::finish`].
+    /// Judges the whole trace and puts it on the page; see [`TraceJudge::finish`].
     #[must_use = "whether it conforms"]
     pub fn finish(self) -> Verdict {
         self.end(|judging| (judging.finish(), false)).0

@@ -1,5 +1,5 @@
-//! The outputs that the machine would have sent if every request had had the same deadline: exact, or as bounds where
-//! calls were ended.
+//! The outputs that the machine would have sent if every request had had the same deadline. They
+//! are exact, or bounds if calls were ended early.
 
 use std::time::Duration;
 
@@ -17,14 +17,14 @@ const T: u64 = 0;
 pub struct ConstantPolicy {
     /// The deadline.
     pub deadline: Duration,
-    /// The clouds' priorities, in the order of the sources; no two are the same.
+    /// The clouds' priorities, in the order of the sources. All are different.
     pub priorities: Vec<u16>,
 }
 
 impl ConstantPolicy {
     /// Returns the machine's own output for a message, or `None` if the message is missed.
     ///
-    /// Each source's result arrives as given. An arrival that is unknown does not happen.
+    /// Each source's result arrives as given. An unknown arrival never happens.
     pub(super) fn forwarded(&self, arrivals: &[ArrivalTime]) -> Option<ForwardedOutput> {
         let mut machine = OneMessageMachine::new(self)?;
         machine.input(Input::Open { at: 0, t: T, deadline: None });
@@ -48,11 +48,12 @@ impl ConstantPolicy {
 }
 
 impl ConstantPolicy {
-    /// Returns the response and whose result may be there before `in_time`, whatever the unknown arrivals
-    /// are.
+    /// Returns the response, and the sources whose results may come before `in_time`, whatever the
+    /// unknown arrivals are.
     ///
-    /// With one deadline for all requests, the machine forwards the best result that arrives before it, once all better
-    /// sources have failed or are due. If there is none, it forwards local's result, whenever that arrives.
+    /// With one deadline for all requests, the machine forwards the best result that arrives before
+    /// the deadline. It does so once all better sources have failed or are due. If there is no such
+    /// result, it forwards local's result, whenever that arrives.
     pub(super) fn bounds(
         &self,
         arrivals: &[ArrivalTime],
@@ -63,7 +64,7 @@ impl ConstantPolicy {
             source.checked_sub(1).map_or(0, |cloud| u64::from(self.priorities[cloud]))
         });
         let mut outcomes = MessageOutcomes { response: None, sources: Vec::new(), in_time };
-        // When all better ones have ended, at the least and at the most.
+        // The least and the greatest time until all better sources have ended.
         let (mut least, mut most) = (Duration::ZERO, Duration::ZERO);
         while let Some(source) = by_rank.pop() {
             let (response, ended) = match arrivals[source] {
@@ -81,7 +82,7 @@ impl ConstantPolicy {
                 | ArrivalTime::Never => (None, (self.deadline, self.deadline)),
             };
             if source == 0 {
-                // Nothing else is there: local's result, or none.
+                // There is no other result, so the output is local's result or none.
                 match arrivals[0] {
                     ArrivalTime::At(_) | ArrivalTime::After(_) => {
                         outcomes.add(0, arrivals[0].into(), least, most);
@@ -111,7 +112,8 @@ struct MessageOutcomes {
 }
 
 impl MessageOutcomes {
-    /// Notes that the result of `source` may go, once it is there and the better ones have ended.
+    /// Records that the result of `source` may be forwarded once it has come and the better sources
+    /// have ended.
     fn add(&mut self, source: usize, response: Response, least: Duration, most: Duration) {
         self.widen(Response { least: response.least.max(least), most: response.most.max(most) });
         if response.least < self.in_time {
@@ -122,7 +124,7 @@ impl MessageOutcomes {
         }
     }
 
-    /// Notes that there may be no output.
+    /// Records that there may be no output.
     fn none(&mut self) {
         self.widen(Response::exactly(None));
         self.sources.push(None);
@@ -139,7 +141,7 @@ impl MessageOutcomes {
     }
 }
 
-/// Returns when and how the part of a source ends, if that is known.
+/// Returns when and how a source ends, if that is known.
 fn end(arrival: ArrivalTime, p: u64) -> Option<(u64, Input)> {
     match arrival {
         ArrivalTime::At(at) => Some((nanos(at), Input::Result { at: nanos(at), t: T, p })),
@@ -151,7 +153,7 @@ fn end(arrival: ArrivalTime, p: u64) -> Option<(u64, Input)> {
 /// The machine with one timestamp.
 struct OneMessageMachine {
     arbiter: Arbiter<15, 1>,
-    /// The source whose result was forwarded, and the instant.
+    /// The source whose result was forwarded, and when.
     emitted: Option<(u64, u64)>,
 }
 
@@ -159,12 +161,12 @@ impl OneMessageMachine {
     fn new(constant: &ConstantPolicy) -> Option<Self> {
         let cloud = |p: &u16| Cloud { p: *p, name: None, limit: 1, resume: 0 };
         let clouds = constant.priorities.iter().map(cloud).collect();
-        // All timers fire at once, so either rule decides the same.
+        // All timers fire at one instant, so both rules decide the same.
         let header = Header { operator: None, window: 1, commit: Commit::Eager, clouds };
         Some(Self { arbiter: Arbiter::new(&header).ok()?, emitted: None })
     }
 
-    /// Lets each timer fire that is due by then.
+    /// Fires each timer that is due by this instant.
     fn until(&mut self, at: u64) {
         while let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.input(Input::Tick { at: due });
@@ -193,7 +195,7 @@ mod tests {
         ArrivalTime::At(ms(millis))
     }
 
-    /// The first cloud outranks the second.
+    /// Plays one message. The first cloud outranks the second.
     fn forwarded(arrivals: [ArrivalTime; 3]) -> Option<(usize, u128)> {
         let constant = ConstantPolicy { deadline: ms(500), priorities: vec![9, 4] };
         let forwarded = constant.forwarded(&arrivals)?;
@@ -205,13 +207,14 @@ mod tests {
         let (failed, never) = (|millis| ArrivalTime::Failed(ms(millis)), ArrivalTime::Never);
         for (arrivals, expected) in [
             ([at(300), at(150), at(100)], Some((1, 150))),
-            // An available result waits for a better one until the due instant, which is late itself.
+            // An available result waits for a better one until the due instant, which itself is
+            // late.
             ([at(300), at(500), at(100)], Some((2, 500))),
             ([at(300), at(499), at(100)], Some((1, 499))),
             ([at(300), at(600), at(100)], Some((2, 500))),
             ([at(300), never, never], Some((0, 500))),
             ([at(700), never, at(600)], Some((0, 700))),
-            // A source that failed, or got no request, is not waited for.
+            // The machine does not wait for a source that failed or got no request.
             ([at(300), failed(40), at(100)], Some((2, 100))),
             ([at(300), failed(0), failed(0)], Some((0, 300))),
             ([at(300), failed(350), failed(320)], Some((0, 350))),

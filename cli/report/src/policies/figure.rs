@@ -2,12 +2,12 @@
 
 use serde::{Serialize, Serializer};
 
-/// A figure, as far as it is known: exact if both are the same.
+/// A figure, as far as it is known. It is exact if both bounds are the same.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct BoundedFigure<T> {
-    /// It is no less.
+    /// The figure is at least this.
     pub at_least: T,
-    /// It is no more.
+    /// The figure is at most this.
     pub at_most: T,
 }
 
@@ -18,10 +18,10 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
         Self { at_least: value, at_most: value }
     }
 
-    /// Returns a figure that is any of these, of which there is at least one.
+    /// Returns the figure that covers all these values.
     ///
     /// # Panics
-    /// If there is none.
+    /// Panics if there are no values.
     #[must_use]
     pub fn spanning(values: impl IntoIterator<Item = T>) -> Self {
         let wider = |one: Self, other: Self| Self {
@@ -46,7 +46,7 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
 }
 
 impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
-    /// The sum of two.
+    /// Returns the sum of two figures.
     #[must_use]
     #[expect(
         clippy::should_implement_trait,
@@ -66,7 +66,7 @@ impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     }
 }
 
-/// A figure as it is written.
+/// The form in which a figure is written.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum WrittenFigure<T> {

@@ -1,4 +1,4 @@
-//! Each policy's figures, and that bounds hold whatever is not known.
+//! Tests each policy's figures, and that the bounds hold for everything that is not known.
 
 use proptest::prelude::*;
 
@@ -30,7 +30,7 @@ fn score(policy: &ComparedPolicy, messages: &[MessageRecord]) -> PolicyScore {
     policy.score(messages, &APS, DEADLINE)
 }
 
-/// One message that the best cloud wins, and one where both networks fail.
+/// Returns a message that the best cloud wins, and a message for which both networks fail.
 fn two() -> [MessageRecord; 2] {
     [
         message([at(300), at(150), at(170)], Some((2, 170))),
@@ -47,8 +47,8 @@ fn between(found: Option<BoundedFigure<f64>>, least: f64, most: f64) -> bool {
     found.is_some_and(|it| is_close((it.at_least, least)) && is_close((it.at_most, most)))
 }
 
-/// The result that is available at its due instant is the first response or a better one. So
-/// nothing is in time if the first response is not.
+/// The result that is available at its due instant is the first response or a better one. So if the
+/// first response is not in time, no result is.
 #[test]
 fn one_deadline_is_in_time_wherever_the_first_response_is() {
     let failed = |millis| ArrivalTime::Failed(ms(millis));
@@ -122,14 +122,14 @@ fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
     let open = score(&ComparedPolicy::CloudOnly(2), &ended(499));
     assert!(between(open.ap, 0.0, 52.0), "{open:?}");
     assert_eq!(open.in_time, BoundedFigure { at_least: 0, at_most: 1 });
-    // It is known which source is first if the unknown one is later.
+    // The first source is known if the unknown result came later.
     assert!(close(score(&ComparedPolicy::FirstWins, &ended(150)).ap, 44.0));
     let open = score(&ComparedPolicy::FirstWins, &ended(149));
     assert!(between(open.ap, 44.0, 52.0), "{open:?}");
     assert_eq!(open.quantiles[0], Some(Quantile::AtLeast(ms(149))));
 }
 
-/// Two clouds elsewhere, the better one always first: its result ends the other's call.
+/// The better of two clouds is always first, and its result ends the other's call.
 #[test]
 fn what_is_known_to_come_first_is_in_time_whatever_would_have_followed() {
     let won = [message([at(209), at(94), ArrivalTime::After(ms(94))], Some((1, 94)))];
@@ -186,9 +186,9 @@ fn requests_are_what_each_policy_needs_of_those_admitted() {
     assert_eq!(requests(ComparedPolicy::FirstWins), Some(450));
 }
 
-/// A source's true arrival, and until when its call was watched if it was ended before.
+/// Draws a source's true arrival. If its call was ended early, also draws when.
 fn arrivals() -> impl Strategy<Value = [(ArrivalTime, Option<u64>); 3]> {
-    // Few instants, so that many are the same and many are around the deadline.
+    // There are few instants, so that many are equal and many are around the deadline.
     let instant = || prop_oneof![0..12_u64, 480..520_u64, 0..900_u64];
     let arrival = prop_oneof![
         6 => instant().prop_map(at),
@@ -199,7 +199,8 @@ fn arrivals() -> impl Strategy<Value = [(ArrivalTime, Option<u64>); 3]> {
     [source.clone(), source.clone(), source]
 }
 
-/// Returns what a trace shows of it: nothing after the instant when the call was ended.
+/// Returns the part of an arrival that a trace shows: nothing after the instant when the call was
+/// ended.
 fn censored_arrival((arrival, ended): (ArrivalTime, Option<u64>)) -> ArrivalTime {
     let bound = ended.map_or(Duration::MAX, ms);
     match arrival {
@@ -237,7 +238,7 @@ fn progressive_answers_with_the_first_result_and_ends_with_the_best() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..Default::default() })]
 
-    /// Each figure holds the one that follows if every arrival is known.
+    /// Each figure's bounds contain the figure that results if every arrival is known.
     #[test]
     fn no_figure_says_more_than_is_known(
         messages in prop::collection::vec(arrivals(), 1..12),
@@ -268,7 +269,7 @@ proptest! {
         }
     }
 
-    /// The bounds for known arrivals are exact: they are what the machine would do with one
+    /// The bounds for known arrivals are exact. They are what the machine would do with one
     /// deadline.
     #[test]
     fn the_bounds_of_a_constant_are_exact_where_all_is_known(sources in arrivals()) {
@@ -280,14 +281,15 @@ proptest! {
     }
 }
 
-/// D11: what may be in time is what some arrival makes so that the trace leaves open, and nothing else.
+/// A result counts as possibly in time exactly if some arrival that the trace allows puts it in
+/// time (D11).
 #[test]
 fn what_may_be_in_time_is_what_some_arrival_makes_so() {
     const TIMES: [u64; 3] = [300, 500, 700];
     let known = TIMES.map(at).into_iter().chain([ArrivalTime::Never]);
     let all = known.chain(TIMES.map(|time| ArrivalTime::After(ms(time)))).collect::<Vec<_>>();
     let possible = |arrival: ArrivalTime| match arrival {
-        // Just later, between all others, and never.
+        // Just later, between the other times, and never.
         ArrivalTime::After(bound) => {
             let later = [301, 400, 501, 600, 701].map(ms).into_iter().filter(|it| *it > bound);
             later.map(ArrivalTime::At).chain([ArrivalTime::Never]).collect()

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 #[derive(Default)]
 pub(super) struct TimestampHistory {
-    /// The last open that no refusal has followed.
+    /// The instant of the last open that no refusal has followed.
     pub(super) offered: Option<u64>,
     pub(super) opened: Option<u64>,
     pub(super) end: Option<CallEnd>,
-    /// Under progressive: the last output of a timestamp that is not final yet.
+    /// The last output of a timestamp that is not final yet, under progressive.
     pub(super) output: Option<CallEnd>,
-    /// By source, as far as they were mentioned.
+    /// The requests by source, as far as the trace mentions them.
     pub(super) calls: Vec<RequestHistory>,
 }
 
@@ -21,17 +21,17 @@ pub(super) struct CallEnd {
     pub(super) source: Option<usize>,
 }
 
-/// One request, or a source that got none.
+/// A request, or a source that got none.
 #[derive(Clone, Copy, Default)]
 pub(super) struct RequestHistory {
     pub(super) is_requested: bool,
     pub(super) due: Option<u64>,
     pub(super) ended: Option<(RequestEnd, u64)>,
-    /// The instant of its first result, whatever became of that.
+    /// The instant of its first result, whatever the outcome of that result.
     pub(super) arrived: Option<u64>,
-    /// A result that no decision has followed.
+    /// The instant of a result that no decision has followed.
     pub(super) answered: Option<u64>,
-    /// A failure that was not dropped, so far.
+    /// The instant of a failure that has not been dropped.
     pub(super) failing: Option<u64>,
 }
 
@@ -118,7 +118,7 @@ impl TimestampHistory {
 }
 
 impl RequestHistory {
-    /// Ends a request, unless it has ended: the timer of a held result changes nothing.
+    /// Ends a request, unless it has ended already: the timer of a held result changes nothing.
     pub(super) fn end_with(&mut self, request_end: RequestEnd, at: u64) {
         self.ended.get_or_insert((request_end, at));
     }
@@ -130,8 +130,8 @@ impl RequestHistory {
         }
     }
 
-    /// Returns how the request ceased to be pending, if it did. If no decision shows it, and the end of its message
-    /// (`end`) is given, the request's own lines tell.
+    /// Returns how the request ceased to be pending, if it did. If no decision shows this but its
+    /// message has ended (`end`), the request's own lines decide.
     pub(super) fn outcome(mut self, end: Option<CallEnd>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);

@@ -11,14 +11,14 @@ pub(super) struct MessageSums {
     pub(super) forwarded: u64,
     pub(super) missed: u64,
     pub(super) open: u64,
-    /// By source, as [`COLUMNS`](super::COLUMNS) says, without what was refused.
+    /// The counts by source in the order of [`COLUMNS`](super::COLUMNS), without refused offers.
     pub(super) rows: Vec<[u64; 8]>,
-    /// By source.
+    /// The responses by source.
     responses: Vec<Vec<Response>>,
 }
 
 impl MessageSums {
-    /// Counts a timestamp, if it is a message; `fates` are those of its requests.
+    /// Counts a timestamp if it is a message. `fates` are the fates of its requests.
     pub(super) fn add(&mut self, story: &TimestampHistory, fates: &[u8]) {
         if !story.is_message() {
             return;
@@ -54,7 +54,7 @@ impl MessageSums {
         quantiles(self.responses.get(source).map_or(&[], Vec::as_slice))
     }
 
-    /// Returns the quantiles of all, with as many that never end.
+    /// Returns the quantiles of all responses and of `never` more that never end.
     pub(super) fn response_of_all(&self, never: u64) -> [Option<Quantile>; 3] {
         let mut all = self.responses.concat();
         let never = usize::try_from(never).unwrap_or(0);

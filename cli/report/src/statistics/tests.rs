@@ -8,7 +8,7 @@ use super::*;
 const MS: u64 = 1_000_000;
 const CLOUDS: [u16; 3] = [7, 3, 5];
 
-/// Applies inputs to the core and reckons its decisions.
+/// Applies inputs to the core and collects the statistics of its decisions.
 fn statistics(inputs: &[Input]) -> TraceStatistics {
     let cloud = |p| Cloud { p, name: None, limit: 2, resume: 1 };
     let clouds = CLOUDS.map(cloud).to_vec();
@@ -86,7 +86,7 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
     assert_eq!(fates(&page_trace, 7), [("late", 1)]);
     assert_eq!(fates(&page_trace, 3), [("forwarded", 1)]);
     assert_eq!(fates(&page_trace, 0), [("discarded", 1)]);
-    // A result that came after the end was seen all the same.
+    // A result that came after the end of its message is still an arrival.
     assert_eq!(
         page_trace.messages(|_, _, _| None)[0].arrivals,
         [at(300), at(900), at(100), UNASKED]
@@ -95,7 +95,8 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
 
 #[test]
 fn a_failure_after_its_timer_in_the_same_input_is_late_and_no_failure() {
-    // At 500 the timers fire and local goes; only then is the failure looked at, and dropped.
+    // At 500 the timers fire and local's result is forwarded. Only then does the machine look at
+    // the failure, and drop it.
     let page_trace = statistics(&[open(0, 0), offer(0, 0, 7), result(9, 0, 0), fail(500, 0, 7)]);
     assert_eq!(fates(&page_trace, 7), [("late", 1)]);
     assert_eq!(fates(&page_trace, 0), [("forwarded", 1)]);
@@ -116,7 +117,7 @@ fn refused_offers_and_refused_messages_count_apart() {
     let Totals { messages, refused, open, .. } = page_trace.totals();
     assert_eq!((messages, refused, open), (3, 1, 2));
     assert_eq!(fates(&page_trace, 7), [("open", 1), ("refused", 1)]);
-    // Only what ended is weighed, and what was refused nobody got.
+    // Only messages that ended count, and a refused message went to no source.
     let messages = page_trace.messages(|_, _, _| Some(at(1)));
     assert_eq!(messages.len(), 1);
     assert_eq!(messages[0].arrivals, [UNASKED; 4]);
