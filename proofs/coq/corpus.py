@@ -11,7 +11,8 @@ INPUTS = {
     "fail": lambda o: f"Fail {o['t']} {o['p']}",
     "tick": lambda o: "Tick",
 }
-# The keys of each decision, in the order of its constructor, which is its name with a capital.
+# The keys of each decision, in the order of its constructor. The constructor is the decision's name
+# with a capital.
 DECISIONS = {
     "timer": ["p"],
     "request": ["p", "due"],

@@ -15,7 +15,8 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 # These are computed cases themselves.
 WITHOUT_CASES = re.compile(r"t4_")
-# These state of many threads' traces what the theorem without `s8_` states of one run; its cases are theirs too.
+# A theorem with `s8_` states about the traces of many threads what the theorem without it states
+# about one run. Both have the same cases.
 OF_THREADS = re.compile(r"s8_(?=[pf]\d)")
 TEXTS = {path.stem: path.read_text(encoding="utf-8") for path in sorted(HERE.glob("*.v"))}
 TEXT = "\n".join(TEXTS.values())
@@ -49,7 +50,8 @@ def wrong_with(theorem):
     name = statement if named else theorem
     found = re.search(rf"((?:^.*\n){{0,12}}?)^ *(?:Definition|Theorem|Example) {name}\b", TEXT, re.M)
     above = TEXT[: found.end()].split("\n")[:-1]
-    # The statement about one timestamp stands between the sentence and the one about all of them.
+    # The statement about one timestamp stands between the sentence and the statement about all
+    # timestamps.
     while above and (above[-1].startswith(("(* ANCHOR", "Definition", " ")) and not above[-1].endswith("*)") or "ANCHOR" in above[-1]):
         above.pop()
     comment = "\n".join(above)

@@ -25,7 +25,7 @@ STATEMENT = re.compile(r"^Definition ([A-Z]\w*_\w+) ?(.*?): Prop :=(.*?)\.\n(?=\
 THEOREM = re.compile(r"^Theorem ([epst]\d+_\w+)(.*?)\.\s+(?:\(\* ANCHOR_END.*?\n)?Proof", re.M | re.S)
 ASSUMED = re.compile(r"^Hypothesis (\w+) : (.*?)\.$", re.M)
 IMPORTS = re.compile(r"^From Fuseline Require (?:Import|Export) ([^.]*)\.", re.M)
-# These are two by their definition, and taken apart as two.
+# These are pairs by definition, and scripts take them apart as pairs.
 PAIR = re.compile(r"within |.* <= .* <= ")
 # They only compute; no theorem is proved in them.
 COMPUTING = {"Statements", "Computed", "Broken", "Cases", "Examples"}
@@ -83,7 +83,7 @@ def hypotheses(body):
 def without(body):
     for start, end in hypotheses(body):
         what = " ".join(body[start:end].split())
-        # Such an equation only names a line and what is before it.
+        # An equation of this form only names a line and the lines before it.
         if not what.startswith("tr = "):
             nothing = "(True /\\ True)" if PAIR.match(what) else f"({what} -> True)"
             yield what, f"{body[:start]} {nothing} {body[end:]}"

@@ -164,7 +164,7 @@ pub(crate) fn any_entry_of<const CLOUDS: usize>(slot: Slot) -> Entry<CLOUDS> {
     entry
 }
 
-/// Returns any due instant. An armed timer's is after the clock's start.
+/// Returns any due instant. The due instant of an armed timer is after the clock's start.
 pub(crate) fn any_due(is_armed: bool) -> Instant {
     let nanos: u64 = kani::any();
     Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
@@ -295,8 +295,8 @@ pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
     }
 }
 
-/// Returns levels that have this key at this index and any others beside it, and the key of the last level.
-/// Above it any keys may be, but on one level the key is the least of four.
+/// Returns levels that have this key at this index and any others beside it, and the key of the
+/// last level. The levels above may have any keys, but on one of them the key is the least of four.
 fn any_levels<const CAPACITY: usize>(index: usize, key: DueKey) -> (Levels, Levels, DueKey) {
     let groups = || [(); MOST_LEVELS].map(|()| Group::none());
     let mut keys = Levels { groups: groups(), count: 1, right: 0 };
@@ -326,7 +326,7 @@ fn any_group(at: usize, len: usize, own: DueKey) -> Group {
     group
 }
 
-/// Returns any open timestamps other than `own`, none greater than `newest`.
+/// Returns any open timestamps other than `own`, none of them greater than `newest`.
 fn any_others<const CLOUDS: usize>(
     commit: Commit,
     own: Timestamp,

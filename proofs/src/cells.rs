@@ -1,12 +1,14 @@
 //! Cells that replace the arrays of the shipped window in proofs, so that the arrays may have any length and
 //! contents.
 //!
-//! An array of a harness has two cells. *Own's* cell is the one that the call is about. It may be anywhere,
-//! and an assertion forbids that anything else is read or written. The *other* cell is anywhere else, with
-//! any value. So what is shown of the two holds for each cell of an array. The keys are in `levels.rs`.
+//! An array of a harness has two cells. *Own's* cell is the one that the call is about. It may be
+//! anywhere, and an assertion forbids that anything else is read or written. The *other* cell is
+//! anywhere else, with any value. So a statement that holds for the two cells holds for each cell
+//! of an array. The keys are in `levels.rs`.
 //!
-//! The functions here are those of arrays that `core/src/window.rs` calls. They do to the two cells what the
-//! standard library says that they do to each. `tests/window.rs` compares them with arrays.
+//! The functions here replace the functions of arrays that `core/src/window.rs` calls. They do to
+//! the two cells what the standard library does to each cell of an array. `tests/window.rs`
+//! compares them with arrays.
 
 use core::ops::{Range, RangeFrom, RangeTo};
 
@@ -226,7 +228,7 @@ impl<T: AnyValue> CopyWithin<RangeTo<usize>> for Cells<T> {
 }
 
 impl<T: AnyValue> Cells<T> {
-    /// Makes own's cell another one, of which nothing is known.
+    /// Moves own's cell to another place, and knows nothing of its value there.
     fn move_own(&mut self, to: usize) {
         self.at[0] = to;
         self.values[0] = T::any();
@@ -247,7 +249,7 @@ pub(crate) struct FirstCells<'a, T> {
     len: usize,
 }
 
-/// The cells behind them.
+/// The cells behind the first cells.
 pub(crate) struct LastCells(Range<usize>);
 
 impl LastCells {
@@ -262,7 +264,7 @@ impl<T: AnyValue> FirstCells<'_, T> {
         (to.end <= self.len).then_some(Self { len: to.end, ..self })
     }
 
-    /// Copies the cells. Own's is the cell behind them, before and afterwards.
+    /// Copies the cells. Own's cell is the one behind them, before and afterwards.
     pub(crate) fn copy_from_slice(self, from: LastCells) {
         let (cells, LastCells(places)) = (self.cells, from);
         kani::assert(places.len() == self.len, "P9: as many are taken as are written");
@@ -270,7 +272,7 @@ impl<T: AnyValue> FirstCells<'_, T> {
         if places.contains(&cells.at[1]) {
             cells.at[1] -= places.start;
         } else if cells.at[1] <= self.len {
-            // It is overwritten, or it is own's and was not open.
+            // The cell is overwritten, or it is own's and was not open.
             cells.at[1] = cells.size;
         }
         cells.move_own(self.len);

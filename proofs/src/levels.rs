@@ -30,8 +30,8 @@ pub(crate) struct Group {
     pub(crate) at: usize,
     /// The number of keys on the level.
     pub(crate) len: usize,
-    /// Own's key, and those at the places whose numbers differ in bit 1, in bit 2, and in both; never, if
-    /// there is none.
+    /// Own's key, then the keys at the places whose numbers differ in bit 1, in bit 2, and in both.
+    /// A key is never if its place does not exist.
     pub(crate) keys: [DueKey; 4],
     /// The number of keys that were read so far.
     pub(crate) reads: Cell<usize>,

@@ -52,9 +52,9 @@ pub(crate) fn same_key(a: DueKey, b: DueKey) -> bool {
     a.due_minus_one == b.due_minus_one && a.timestamp == b.timestamp
 }
 
-/// Returns `true` if the window is valid: the timestamps ascend, no two have the same entry, and the key of
-/// each entry and the least of each four are right. Own and the other one are any two timestamps, or any two
-/// that are free.
+/// Returns `true` if the window is valid: the timestamps ascend, no two have the same entry, and
+/// the key of each entry and the least of each four are right. Own and the other one are any two
+/// timestamps, or any two free entries.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
     window: &cell_window::Window<CLOUDS, CAPACITY>,
 ) -> bool {

@@ -29,7 +29,7 @@ use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Says which timestamp the index is of.
+/// The timestamp that an index belongs to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum OpenIndex {
     Own,
@@ -63,14 +63,14 @@ impl<const CLOUDS: usize> Others<CLOUDS> {
     pub(crate) const EMPTY: Self =
         Self { len: 0, greatest: Timestamp::new(0), first: None, entry: Entry::EMPTY };
 
-    /// Notes that a timer of a timestamp is due then.
+    /// Records that a timer of this timestamp is due at this instant.
     fn arm(&mut self, due: Instant, timestamp: Timestamp) {
         if self.first.is_none_or(|first| (due, timestamp) < first) {
             self.first = Some((due, timestamp));
         }
     }
 
-    /// Notes that a timestamp's key is later than it was, or gone.
+    /// Records that the key of a timestamp is later than before, or gone.
     fn disarm(&mut self, own: Timestamp, timestamp: Timestamp) {
         if let Some(first) = self.first.filter(|first| first.1 == timestamp) {
             self.first = any_others_after(self, own, first);

@@ -68,7 +68,7 @@ fn sources() -> Vec<String> {
     files.map(|file| fs::read_to_string(file.expect("a file").path()).expect("text")).collect()
 }
 
-/// A harness that is missing from the list would run only under the checker.
+/// The checker alone would run a harness that is missing from the list.
 #[test]
 fn every_harness_is_listed_under_a_name_of_its_own() {
     let listed: BTreeSet<&str> = ALL.iter().map(|(name, _)| *name).collect();
@@ -84,8 +84,8 @@ fn every_harness_is_listed_under_a_name_of_its_own() {
     assert_eq!(listed, written);
 }
 
-/// The harnesses include all modules of the core, except the one that stores values, which decides nothing.
-/// The window is in a module of its own.
+/// The harnesses include all modules of the core, except the module that stores values and decides
+/// nothing. The window is in a module of its own.
 #[test]
 fn the_modules_are_those_of_the_core() {
     let read = |file: &str| {

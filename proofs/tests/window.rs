@@ -3,8 +3,8 @@
 use fuseline_proofs::Sources;
 use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_levels};
 
-/// The cells of `src/cells.rs` do what the arrays of the shipped window do, and meet what harnesses start
-/// from.
+/// The cells of `src/cells.rs` do what the arrays of the shipped window do, and meet the conditions
+/// that harnesses start from.
 #[test]
 fn cells_do_what_arrays_do_on_random_windows() {
     let report = kani::native::random(cells_do_what_arrays_do, 1, 100_000)
@@ -16,8 +16,8 @@ fn cells_do_what_arrays_do_on_random_windows() {
     }
 }
 
-/// A harness of the window has a few capacities; this test checks what the code derives from a capacity for
-/// all of them.
+/// The harnesses of the window have a few capacities. This test checks, for all capacities, what
+/// the code derives from a capacity.
 #[test]
 fn every_capacity_has_its_levels() {
     macro_rules! have_levels {
@@ -30,8 +30,8 @@ fn every_capacity_has_its_levels() {
         (0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31));
 }
 
-/// The earliest due instant of a timestamp is the least over its armed timers, because each of them is looked
-/// at once.
+/// The earliest due instant of a timestamp is the least of its armed timers, because each of them
+/// is looked at exactly once.
 #[test]
 fn every_set_has_its_members_once_in_ascending_order() {
     for bits in 0..=u16::MAX {

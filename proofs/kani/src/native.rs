@@ -1,4 +1,4 @@
-//! Runs harnesses as plain functions, on random values or on those of a counterexample.
+//! Runs harnesses as plain functions, on random values or on the values of a counterexample.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -34,7 +34,7 @@ pub struct Failure {
     pub values: Vec<u64>,
 }
 
-/// The reason why a run was not accepted.
+/// The reason a run was not accepted.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RunError {
     /// An assumption excluded it.
@@ -61,7 +61,7 @@ thread_local! {
 
 /// The payload with which an excluded run ends.
 struct Rejected;
-/// The payload with which a run ends whose assertion failed.
+/// The payload with which a run ends after an assertion failed.
 struct Refuted;
 
 /// Runs a harness on random values until `accepted` runs came to their end.
@@ -190,8 +190,8 @@ pub(crate) fn cover(condition: bool, line: u32, message: &'static str) {
     with(|run| *run.report.covers.entry((line, message)).or_default() += u64::from(condition));
 }
 
-/// `SplitMix64` by Steele and Vigna, biased towards decisive values: the ends of the range, and what was
-/// drawn shortly before.
+/// `SplitMix64` by Steele and Vigna, biased towards decisive values: the ends of the range, and
+/// values that were drawn shortly before.
 struct Random {
     state: u64,
     recent: [u64; 8],

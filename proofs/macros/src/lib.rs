@@ -1,6 +1,8 @@
 //! The macros of the proofs: the attributes of a harness, and the window over cells.
 //!
-//! [`proof`], [`unwind`] and [`solver`] replace Kani's on hosts without Kani; `proofs/kani` exports them. A harness stays a plain function, and is also an export for the checker. [`over_cells`] is used with Kani too.
+//! [`proof`], [`unwind`] and [`solver`] replace Kani's on hosts without Kani, and `proofs/kani`
+//! exports them. A harness stays a plain function, and is also an export for the checker.
+//! [`over_cells`] is used with Kani too.
 
 use std::fs;
 
@@ -25,21 +27,21 @@ pub fn proof(_arguments: TokenStream, harness: TokenStream) -> TokenStream {
     harness.into_iter().chain(export.parse::<TokenStream>().unwrap_or_default()).collect()
 }
 
-/// States how often a loop is unwound; the runner reads it.
+/// States how often a loop is unwound. The runner reads it.
 #[proc_macro_attribute]
 pub fn unwind(_bound: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// States which solver to use; the runner reads it.
+/// States which solver to use. The runner reads it.
 #[proc_macro_attribute]
 pub fn solver(_name: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// Includes the text of a file of the core with three changes: a field `[T; CAPACITY]` or `[[T; CAPACITY];
-/// 2]` becomes a `Cells<T>`, the functions that begin with these texts are left out, and so is the file's own
-/// documentation.
+/// Includes the text of a file of the core with three changes. A field `[T; CAPACITY]` or `[[T;
+/// CAPACITY]; 2]` becomes a `Cells<T>`. The functions that begin with these texts are left out, and
+/// so is the file's own documentation.
 ///
 /// ```text
 /// over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
@@ -56,7 +58,7 @@ pub fn over_cells(arguments: TokenStream) -> TokenStream {
     let words: Vec<String> = words.collect();
     let file = &words[0];
     let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{file}: {error}"));
-    // The compiler builds again when a file changes that it saw included.
+    // The compiler builds again when a file that was included changes.
     let included = format!("const _: &[u8] = include_bytes!(concat!(\"../../\", {file:?}));\n");
     let text = included + &over(&text, &words[2..]);
     text.parse().unwrap_or_else(|error| panic!("{file}: {error}"))
@@ -65,7 +67,7 @@ pub fn over_cells(arguments: TokenStream) -> TokenStream {
 fn over(text: &str, without: &[String]) -> String {
     let is_head = |line: &str| without.iter().any(|head| line.contains(head.as_str()));
     let mut out = String::new();
-    // The beginning of the line that ends what is left out.
+    // The beginning of the line that ends the part that is left out.
     let mut until = None;
     for line in text.lines() {
         if until.is_none() && is_head(line) {

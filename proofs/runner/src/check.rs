@@ -9,7 +9,8 @@ use crate::source::Harness;
 use crate::tools::{Limits, ToolOutput, Tools};
 use crate::translate::{Copy, Generated};
 
-/// Loops over memory run as often as there are bytes to move. All others run as often as the harness says.
+/// Loops over memory run as often as there are bytes to move. All other loops run as often as the
+/// harness states.
 const MEMORY_LOOPS: [(&str, u32); 2] = [("memory_copy", 6), ("memory_fill", 2)];
 
 /// Asks only for the values that refute an assertion of the harness.
@@ -106,7 +107,8 @@ pub(crate) fn prove(
         checked.verdict = match verdict_of(&output, &generated) {
             Verdict::Proved if is_after_last => left_out(&output),
             Verdict::Proved => reached(&output, &mut unreached),
-            // Traces of all properties would be long, so the checker is asked for that of the failing one.
+            // Traces of all properties would be long, so the checker is asked only for the trace of
+            // the failing property.
             verdict @ (Verdict::Refuted(_) | Verdict::Broken(_)) => {
                 let property = failing(&output).unwrap_or_default();
                 let only = ["--unwinding-assertions", "--trace", "--property", &property];
@@ -153,8 +155,8 @@ pub(crate) fn refute(
     Ok(checked)
 }
 
-/// Returns the questions to the checker: each case, and that there is none beyond the last; or the whole
-/// harness.
+/// Returns the questions to the checker: one for each case and one for the case beyond the last, or
+/// a single question for the whole harness.
 fn cases(harness: &Harness) -> Vec<Option<u32>> {
     match harness.cases {
         Some(cases) => (0..=cases).map(Some).collect(),
@@ -242,7 +244,7 @@ fn is_assertion(result: &Value) -> bool {
     result["description"] == "assertion"
 }
 
-/// Returns the name of a property that fails; an assertion if one does.
+/// Returns the name of a property that fails. It is an assertion if any assertion fails.
 fn failing(output: &ToolOutput) -> Option<String> {
     let required = required(output).ok()?;
     let assertion = required.iter().find(|result| failed(result) && is_assertion(result));

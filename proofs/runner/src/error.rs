@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// The reason why there is no ledger.
+/// The reason there is no ledger.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Error {
     /// A file or folder cannot be read, written or run.
@@ -21,7 +21,7 @@ pub(crate) enum Error {
         /// The fault.
         why: String,
     },
-    /// A tool failed that must succeed.
+    /// A tool that must succeed has failed.
     #[error("{tool} failed for {what}:\n{message}")]
     Tool {
         /// The tool.

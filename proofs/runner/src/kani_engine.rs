@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::record::Record;
 use crate::source::HarnessSources;
 
-/// The harnesses that Kani is to prove.
+/// The harnesses that Kani must prove.
 pub(crate) struct KaniSelection {
     /// The number of covers that each must reach, by its path.
     covers: BTreeMap<String, usize>,
@@ -18,7 +18,8 @@ pub(crate) struct KaniSelection {
 }
 
 impl KaniSelection {
-    /// Selects all harnesses, or those that are named. The record says how many covers each must reach.
+    /// Selects all harnesses, or only the named ones. The record states how many covers each must
+    /// reach.
     ///
     /// # Errors
     /// Returns an error if no harness has a name.
@@ -39,7 +40,8 @@ impl KaniSelection {
         Ok(Self { covers, whole: names.is_empty() })
     }
 
-    /// Lets Kani prove the harnesses. It does not try seeded faults; the other engine does.
+    /// Lets Kani prove the harnesses. It does not try seeded faults, because the other engine does
+    /// that.
     ///
     /// # Errors
     /// Returns an error if Kani cannot be started.
@@ -58,8 +60,9 @@ impl KaniSelection {
         Ok(output.status.success() && wrong.is_empty())
     }
 
-    /// `--harness` alone selects by a part of the path, and `p2_never_late` is part of another harness's
-    /// path.
+    /// Returns Kani's arguments. If harnesses are named, they include `--exact`, because
+    /// `--harness` alone selects by a part of the path, and `p2_never_late` is part of another
+    /// harness's path.
     fn arguments(&self, jobs: u8, seconds: u64) -> Vec<String> {
         let mut arguments: Vec<String> =
             ["kani", "-p", "fuseline-proofs"].map(str::to_owned).into();
@@ -73,7 +76,8 @@ impl KaniSelection {
         arguments
     }
 
-    /// Returns the faults of a run. Its exit code does not say what it left out or did not reach.
+    /// Returns the faults of a run. Kani's exit code does not show which harnesses it left out, or
+    /// which covers it did not reach.
     fn judge(&self, printed: &str) -> Vec<String> {
         let mut wrong = Vec::new();
         let summed = printed.lines().rev().find_map(|line| line.strip_prefix("Complete - "));

@@ -1,4 +1,5 @@
-//! The ledger: what was proved and what was caught, committed in `proofs/results/ledger.json`.
+//! The ledger of proved harnesses and caught faults, which is committed in
+//! `proofs/results/ledger.json`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -52,7 +53,7 @@ pub(crate) struct Provenance {
     sources: String,
     /// The checker and the compiler, with their versions.
     tools: String,
-    /// A digest of the seeded fault's change; empty if there is none.
+    /// A digest of the seeded fault's change, or empty if there is no fault.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     change: String,
 }
@@ -140,8 +141,9 @@ impl VerdictLedger {
         self.proved.get(question).map_or(0.0, |proof| proof.seconds)
     }
 
-    /// Selects the questions to ask: each one that has no answer for these sources, and of the others a
-    /// random sample that took about `budget`, but at least one. Also returns how many are left out.
+    /// Selects the questions to ask. These are all questions without an answer for these sources,
+    /// and a random sample of the others. The sample took about `budget`, and has at least one
+    /// question. Also returns a description of how many are left out.
     pub(crate) fn sample(
         &self,
         questions: &[(String, Provenance)],
@@ -212,8 +214,8 @@ fn harness_of(question: &str) -> &str {
     question.rsplit_once(" / ").map_or(question, |(_, harness)| harness)
 }
 
-/// Returns a digest of what verdicts depend on. It leaves out the lines of Rust that do not change what it
-/// does.
+/// Returns a digest of everything that verdicts depend on. It leaves out the lines of Rust that do
+/// not change what the code does.
 ///
 /// # Errors
 /// Returns an error if a file cannot be read.

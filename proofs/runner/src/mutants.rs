@@ -96,7 +96,7 @@ pub(crate) struct Mutants {
     pub(crate) by: String,
     /// A digest of the files.
     pub(crate) files: String,
-    /// A digest of what the verdicts depend on.
+    /// A digest of everything that the verdicts depend on.
     pub(crate) sources: String,
     pub(crate) of: BTreeMap<String, MutantOutcome>,
 }
@@ -204,8 +204,8 @@ impl Exclusions {
     }
 }
 
-/// Returns the faults of the outcomes and a summary. Faults are outcomes of other files, and mutants that are
-/// missed without a reason.
+/// Returns the faults of the outcomes and a summary. A fault is an outcome of other files, or a
+/// mutant that is missed without a reason.
 ///
 /// # Errors
 /// Returns an error if a file cannot be read.

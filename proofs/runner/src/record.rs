@@ -30,7 +30,7 @@ pub(crate) struct Record {
 pub(crate) struct CatchRecord {
     /// A digest of the fault's change.
     pub(crate) change: String,
-    /// The harnesses of which an assertion failed.
+    /// The harnesses with an assertion that failed.
     pub(crate) by: BTreeSet<String>,
 }
 
@@ -63,7 +63,7 @@ impl Record {
         }
     }
 
-    /// Returns what the sources have less of than the record says.
+    /// Returns descriptions of everything that the sources have less of than the record.
     pub(crate) fn shrunk(&self, sources: &HarnessSources) -> Vec<String> {
         let mut wrong = Vec::new();
         for (name, covers) in &self.harnesses {
@@ -105,8 +105,8 @@ impl Record {
         faults.iter().filter(|fault| !uncatchable.holds(fault)).filter_map(wrong).collect()
     }
 
-    /// Selects pairs to run, so that each fault is caught that some of `harnesses` can catch, and each of
-    /// these harnesses catches one.
+    /// Selects pairs of a fault and a harness to run. Each fault that some of `harnesses` can catch
+    /// is in a pair, and so is each of these harnesses that catches a fault.
     pub(crate) fn pairs(
         &self,
         faults: &[SeededFault],

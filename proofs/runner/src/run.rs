@@ -73,7 +73,7 @@ impl ProofRun<'_> {
     /// Checks that the named harnesses, or all of them, catch the faults that they are recorded to catch.
     ///
     /// # Errors
-    /// As for [`harnesses`](Self::harnesses).
+    /// Returns the same errors as [`harnesses`](Self::harnesses).
     pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
         let uncatchable = UncatchableFaults::load(self.tree, &faults)?;
@@ -124,10 +124,12 @@ impl ProofRun<'_> {
         Ok(self.sum_up(&lines, "caught") && good)
     }
 
-    /// Searches for the harnesses that catch each fault, first among those that cite what it breaks.
+    /// Searches for the harnesses that catch each fault, first among the harnesses that cite an
+    /// identifier that it breaks.
     ///
     /// # Errors
-    /// As for [`harnesses`](Self::harnesses), or the record cannot be written.
+    /// Returns the same errors as [`harnesses`](Self::harnesses), and an error if the record cannot
+    /// be written.
     pub(crate) fn search(
         &self,
         record: &mut Record,
@@ -166,7 +168,7 @@ impl ProofRun<'_> {
             record.save(self.tree)?;
             Ok::<_, Error>(caught)
         };
-        // Harnesses that cite what the fault breaks come first.
+        // The harnesses that cite an identifier that the fault breaks come first.
         let found = self.all(
             "faults",
             &wanted,
@@ -215,12 +217,13 @@ impl ProofRun<'_> {
         Ok(found.values().chain(busy.values()).all(|good| *good))
     }
 
-    /// Searches for a harness, among those named or all, that catches each mutant of façade and window, and
-    /// records it. A mutant that the named harnesses do not catch does not count as missed, because others
-    /// may catch it.
+    /// Searches for a harness, among the named ones or all, that catches each mutant of façade and
+    /// window, and records it. A mutant that the named harnesses do not catch does not count as
+    /// missed, because others may catch it.
     ///
     /// # Errors
-    /// As for [`harnesses`](Self::harnesses), or there is no list of mutants.
+    /// Returns the same errors as [`harnesses`](Self::harnesses), and an error if there is no list
+    /// of mutants.
     pub(crate) fn mutants(&self, named: &[String], parts: &[String]) -> Result<bool, Error> {
         let (listed, by) = Mutant::list(self.tree)?;
         let mut mutants = Mutants::current(self.tree, by, ledger::digest(self.tree)?)?;

@@ -58,7 +58,7 @@ impl Tools {
         self.work.path()
     }
 
-    /// Runs a tool in a folder below this run's. Its output is stored there while it runs.
+    /// Runs a tool in a folder below this run's folder. Its output is stored there while it runs.
     ///
     /// # Errors
     /// Returns an error if it cannot be started or Ctrl-C ended it.
@@ -103,7 +103,7 @@ impl Tools {
             peak_mib = peak_mib.max(resident_mib(group));
             timed_out = start.elapsed() > limits.time;
             if timed_out || STOP.load(Ordering::Acquire) {
-                // It may have ended just now.
+                // The tool may have ended in the meantime.
                 let _ = kill_process_group(group, Signal::KILL);
                 break child.wait().map_err(Error::file(folder))?;
             }
@@ -132,7 +132,7 @@ impl Tools {
     /// Returns the checker and the compiler with their versions.
     ///
     /// # Errors
-    /// Returns an error if one does not state its version.
+    /// Returns an error if a tool does not state its version.
     pub(crate) fn versions(&self) -> Result<String, Error> {
         let mut versions = Vec::new();
         for tool in ["cbmc", "rustc"] {

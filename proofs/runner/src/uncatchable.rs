@@ -13,14 +13,14 @@ use crate::error::Error;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct UncatchableFaults {
-    /// By the beginnings of their files' names.
+    /// The reasons for whole files, by the beginnings of the files' names.
     files: BTreeMap<String, String>,
-    /// By their own names.
+    /// The reasons for single faults, by their names.
     faults: BTreeMap<String, String>,
 }
 
 impl UncatchableFaults {
-    /// Returns those among these faults.
+    /// Reads the list, and checks that each of its names is a fault's or a file's of these faults.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read, or names a fault or files that do not exist.

@@ -1,5 +1,5 @@
-//! By when any one of the open timestamps is retired, and that late calls decide nothing, for any number of
-//! timestamps.
+//! Shows that each open timestamp is retired in time, and that late calls decide nothing, for any
+//! number of timestamps.
 
 use crate::Outcome;
 use crate::arbitrary::{WINDOW, any_instant, any_machine, any_machine_of_own, with_nothing_due};
