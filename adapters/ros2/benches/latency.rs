@@ -1,5 +1,5 @@
-//! Measures the cost of a node in the path. Run `cargo bench -p fuseline-ros2`. With `--features
-//! zenoh` it also measures over Zenoh, in the same run, through a router.
+//! Measures the cost of a node in the path. Run `cargo bench -p fuseline-ros2`. With
+//! `--features zenoh` it also measures over Zenoh, in the same run, through a router.
 //!
 //! A camera and a cloud that answers at once, on loopback, are joined directly, by a relay, and by
 //! the node, in turns in one run. The relay only publishes images and results again as they come,

@@ -342,9 +342,9 @@ impl TraceStatistics {
     /// Returns the messages that ended, each with the arrivals from the known sources, for the
     /// policies.
     ///
-    /// A refused message went to no source. If a call was ended before its result, `planned(source,
-    /// opened, t)` returns when the result would have come, counted from the message's instant, if
-    /// it can.
+    /// A refused message went to no source. If a call was ended before its result,
+    /// `planned(source, opened, t)` returns when the result would have come, counted from the
+    /// message's instant, if it can.
     pub fn messages(
         &self,
         planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,

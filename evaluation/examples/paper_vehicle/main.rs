@@ -3,8 +3,8 @@
 //! Prediction and planning follow, with contingency plans beside them, and then control at 20 Hz.
 //!
 //! The boxes, the runtimes of detection and the networks are recorded; everything else is emulated.
-//! Time is virtual, so equal options give equal output. Run it with `cargo run -p
-//! fuseline-evaluation --example paper_vehicle -- --kill west-detector`.
+//! Time is virtual, so equal options give equal output. Run it with
+//! `cargo run -p fuseline-evaluation --example paper_vehicle -- --kill west-detector`.
 
 mod drive;
 mod operators;

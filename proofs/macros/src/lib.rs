@@ -39,9 +39,9 @@ pub fn solver(_name: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// Includes the text of a file of the core with three changes. A field `[T; CAPACITY]` or `[[T;
-/// CAPACITY]; 2]` becomes a `Cells<T>`. The functions that begin with these texts are left out, and
-/// so is the file's own documentation.
+/// Includes the text of a file of the core with three changes. A field `[T; CAPACITY]` or
+/// `[[T; CAPACITY]; 2]` becomes a `Cells<T>`. The functions that begin with these texts are left
+/// out, and so is the file's own documentation.
 ///
 /// ```text
 /// over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
