@@ -34,7 +34,7 @@ impl Vehicle {
         Self(Arc::new(Recording::load().unwrap()))
     }
 
-    /// A drive in which a part dies halfway.
+    /// Plays a drive in which a part dies halfway.
     fn drive(
         &self,
         rule: Rule,
@@ -87,7 +87,7 @@ fn half_found_world_scores_half() {
     assert!((score - 51.0 / 101.0 * 100.0).abs() < 1e-9, "{score}");
 }
 
-/// A box that overlaps a person by less than half finds nobody. This happens when somebody has
+/// A box that overlaps a person by less than half does not find that person, as when somebody has
 /// walked on.
 #[test]
 fn stale_box_misses_who_walked_on() {

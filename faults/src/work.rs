@@ -360,7 +360,7 @@ impl FaultyCopy<'_> {
             .env(VARIABLE, trial.fault.0.to_string())
             .env("CARGO_MANIFEST_DIR", folder)
             .env("RUST_BACKTRACE", "0")
-            // If one test runs at a time, the last test that is named is the one that hangs.
+            // If one test runs at a time, the last test that is named hangs.
             .env("RUST_TEST_THREADS", kind.threads)
             .env("PROPTEST_MAX_SHRINK_ITERS", "300")
             .env_remove("PROPTEST_CASES")

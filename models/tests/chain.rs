@@ -16,7 +16,7 @@ use stateright::{Checker, Model, Property};
 const WITHIN: u64 = 4;
 /// The reserves of the first and of the second operator.
 const RESERVES: [u64; 2] = [2, 0];
-/// The greatest delay with which each operator serves a timer.
+/// The greatest lateness of each operator's timers.
 const LATENESS: u64 = 1;
 /// The time that a cloud may take by its own deadline.
 const DEADLINES: [u64; 2] = [1, 5];

@@ -113,7 +113,7 @@ pub(crate) fn any_timestamp_or(own: Timestamp) -> Timestamp {
     if kani::any() { own } else { any_timestamp() }
 }
 
-/// Returns any priority. If values are random, it is usually one that is registered.
+/// Returns any priority. If values are random, it is usually a registered one.
 pub(crate) fn any_priority_or_registered<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
     let (known, mut priority) = (kani::any::<u8>(), Priority::new(kani::any()));
     for (i, registered) in clouds.priorities.iter().enumerate() {
@@ -379,7 +379,7 @@ pub(crate) fn any_machine<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
     machine(kani::any())
 }
 
-/// Returns such a machine in which own is open.
+/// Returns any machine of that kind in which own is open.
 pub(crate) fn any_machine_of_own<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
     machine(true)
 }

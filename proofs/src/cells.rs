@@ -264,7 +264,7 @@ impl<T: AnyValue> FirstCells<'_, T> {
         (to.end <= self.len).then_some(Self { len: to.end, ..self })
     }
 
-    /// Copies the cells. Own's cell is the one behind them, before and afterwards.
+    /// Copies the cells. Own's cell is behind them, before and afterwards.
     pub(crate) fn copy_from_slice(self, from: LastCells) {
         let (cells, LastCells(places)) = (self.cells, from);
         kani::assert(places.len() == self.len, "P9: as many are taken as are written");

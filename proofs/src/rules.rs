@@ -39,8 +39,8 @@ pub(crate) fn output(decision: Decision) -> Option<Source> {
     }
 }
 
-/// Returns the source of the result with which the timestamp is retired, if there is one. It is sent now, or
-/// was sent before.
+/// Returns the source of the result that is last when the timestamp is retired, if there is one. It
+/// is sent now, or was sent before.
 pub(crate) fn last_output(decision: Decision) -> Option<Source> {
     match decision {
         Decision::Final { by } | Decision::Forwarded { by, .. } => Some(by),

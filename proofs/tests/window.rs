@@ -1,4 +1,4 @@
-//! Compares the window of the proofs with the one that ships.
+//! Compares the window of the proofs with the shipped window.
 
 use fuseline_proofs::Sources;
 use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_levels};

@@ -19,7 +19,7 @@ pub struct Line<'a> {
     pub t: Option<u64>,
     /// The source.
     pub p: Option<u64>,
-    /// The deadline of an offer, or that of local in an open.
+    /// The deadline of an offer, or local's deadline in an open.
     pub deadline: Option<u64>,
     /// The backlog of an offer.
     pub backlog: Option<u64>,

@@ -24,7 +24,7 @@ pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
 /// The state that only the owner needs.
 #[derive(Debug)]
 pub(crate) struct OwnerState<const CLOUDS: usize> {
-    /// The owner uses the gates of this copy; those of the handle's copy are unused.
+    /// The owner uses the gates of this copy. The handle's copy has gates too, but they are unused.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
     /// The index of the slot that was opened last.
@@ -116,7 +116,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         (fired, admission)
     }
 
-    /// Returns the first free slot after the one opened last, with its index and word.
+    /// Returns the first free slot after the slot that was opened last, with its index and word.
     fn free_slot(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
         let slots = self.handle.slots.iter().take(self.handle.window).enumerate();
         let from = self.state.last.wrapping_add(1);

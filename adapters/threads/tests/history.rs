@@ -35,7 +35,7 @@ fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &ThreadScript) {
     });
 }
 
-/// Makes the owner's calls alone, then its other calls together with those of other threads.
+/// Makes the owner's calls alone, then its other calls together with other threads' calls.
 fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> CallHistory {
     let clouds =
         [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });

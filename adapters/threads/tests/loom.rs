@@ -273,7 +273,7 @@ fn p8_an_offer_races_a_tick() {
     RACE.check::<1, 1>();
 }
 
-/// An input that comes meanwhile outranks the offer, closes it, or is held for it (F2).
+/// An input that comes during the offer outranks it, closes it, or is held for it (F2).
 #[test]
 fn f2_offers_race_results_and_a_failure() {
     static RACE: Race = Race {

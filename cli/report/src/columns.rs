@@ -86,7 +86,7 @@ pub(crate) struct PageTrace {
     pub(crate) run: Option<RunNotes>,
     /// The instant from which `at` counts.
     origin: ExactNumber,
-    /// The timestamps in ascending order, each as its difference from the one before.
+    /// The timestamps in ascending order, each as its difference from the timestamp before.
     timestamps: Vec<ExactNumber>,
     /// The outcome of each message: the index of the source whose result was forwarded, or a
     /// negative number.
@@ -116,7 +116,7 @@ pub(crate) struct PageTrace {
     capped: Option<CappedSums>,
 }
 
-/// The totals of a trace of which the page shows only the first events.
+/// The totals of a trace whose first events alone are on the page.
 #[derive(Serialize)]
 struct CappedSums {
     events: u64,
@@ -205,7 +205,7 @@ struct ViolationRow {
 struct ExactNumber(u64);
 
 impl TraceColumns {
-    /// Creates the columns of a trace of which at most `most` events are shown.
+    /// Creates the columns of a trace. At most `most` of its events are shown.
     pub(crate) fn new(header: &Header, is_observed: bool, most: usize) -> Self {
         let mut columns = Self {
             events: Vec::new(),
@@ -230,7 +230,7 @@ impl TraceColumns {
         columns
     }
 
-    /// Marks the columns as those of a part of the trace.
+    /// Marks that the columns show only a part of the trace.
     pub(crate) const fn of_part(mut self) -> Self {
         self.is_part = true;
         self
@@ -463,7 +463,7 @@ impl Serialize for ExactNumber {
     }
 }
 
-/// Returns ascending numbers, each as its difference from the one before.
+/// Returns ascending numbers, each as its difference from the number before.
 fn differences(numbers: &[u64]) -> Vec<ExactNumber> {
     let before = std::iter::once(&0).chain(numbers);
     numbers.iter().zip(before).map(|(number, before)| ExactNumber(number - before)).collect()

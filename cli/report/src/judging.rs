@@ -19,7 +19,7 @@ pub struct TraceJudge {
 
 #[derive(Debug)]
 enum EitherJudge {
-    /// Checks that every decision is the one that the rules demand.
+    /// Checks that the decisions are exactly what the rules demand.
     Strict(Box<Judge>),
     /// Checks that the rules can explain each timestamp.
     Observed(Box<observed::Judge>),
@@ -73,7 +73,7 @@ impl TraceJudge {
         self.map(|judge| judge, |judge| judge.with_tolerance_of(p, tolerance))
     }
 
-    /// Also records the places of violations beyond those that it reports in full.
+    /// Also records the places of violations that it does not report in full.
     #[must_use]
     pub fn with_places(mut self) -> Self {
         if let Some(part) = &mut self.part {

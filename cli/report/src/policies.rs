@@ -203,7 +203,7 @@ fn first(arrivals: &[ArrivalTime], deadline: Duration) -> PolicyChoice {
     PolicyChoice { response: Response { least, most }, in_time }
 }
 
-/// Returns the sources whose result may be the best one that arrives before the deadline.
+/// Returns the sources whose result may be the best result that arrives before the deadline.
 fn best(arrivals: &[ArrivalTime], priorities: &[u16], deadline: Duration) -> Vec<Option<usize>> {
     let mut by_rank: Vec<usize> = (0..arrivals.len()).collect();
     by_rank.sort_by_key(|source| source.checked_sub(1).map_or(0, |cloud| priorities[cloud]));

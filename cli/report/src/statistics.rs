@@ -42,8 +42,8 @@ pub const COLUMNS: [(&str, &str); 8] = [
 /// trace lacks the line of a decision, the request's own lines decide: a result was in time if it
 /// came before its due instant and before its message's end.
 pub struct TraceStatistics {
-    /// The priorities of local and of the clouds. Then those of unknown sources that a trace
-    /// requests or forwards against the rules.
+    /// The priorities of local, of the clouds, and of unknown sources that a trace requests or
+    /// forwards against the rules, in this order.
     priorities: Vec<u64>,
     /// The number of these sources that are local or a registered cloud.
     known: usize,
@@ -64,7 +64,7 @@ pub struct TraceStatistics {
 pub struct Totals {
     /// The messages that came: forwarded, missed, refused or open.
     pub messages: u64,
-    /// The messages of which a result went downstream (F7).
+    /// The messages with a result that went downstream (F7).
     pub forwarded: u64,
     /// The messages that were retired without a result, because nothing came in time (F6).
     pub missed: u64,
@@ -288,8 +288,8 @@ impl TraceStatistics {
         }
     }
 
-    /// Returns the longest delay with which a timer was served after its due instant, or `None` if
-    /// no timer fired.
+    /// Returns the longest time after its due instant at which a timer was served, or `None` if no
+    /// timer fired.
     #[must_use]
     pub const fn timer_lag(&self) -> Option<Duration> {
         self.timer_lag

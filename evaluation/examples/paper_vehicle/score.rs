@@ -13,10 +13,10 @@
 //!   greatest that is reached at this recall or a greater one. The score is the mean of the
 //!   precision over the recalls 0, 0.01, … 1, in percent. This is COCO's AP at an `IoU` of 0.5 with
 //!   people as the only class.
+//!
 //! A fresh detection scores better than a stale one of the same detector. If two detectors are
 //! equally fresh, the one that finds more people scores better. The score counts no cost of a plan,
 //! a stop or the bytes that were sent.
-//! another that is as fresh. Nothing is paid for a plan, a stop or the bytes that were sent.
 
 use std::time::Duration;
 

@@ -25,7 +25,7 @@ const MOST: f64 = 1.066;
 /// The distance from the centre of mass to the car's corners, in m, or a little more. The centre of
 /// mass is the middle of the car's rectangle.
 const REACH: f64 = 2.54;
-/// The longest step by which the place is integrated, in s.
+/// The longest step of the integration of the position, in s.
 const STEP: f64 = 0.05;
 
 /// A swerve to the left at constant speed. The steering angle grows at a constant rate until it

@@ -102,7 +102,7 @@ pub(crate) struct CrossingGeometry {
     pub(crate) intersection: &'static Intersection,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
-    /// The time by which the runner reaches its reference later than ego, in s.
+    /// How much later than ego the runner reaches its reference, in s.
     pub(crate) delta: f64,
     pub(crate) has_occluder: bool,
 }

@@ -40,7 +40,7 @@ const HELD: &[Sighting] = &[
 ];
 /// Sightings that need backlogs around the limit of a gate.
 const GATES: &[Sighting] = &[Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens];
-/// Sightings that need two clouds: one with a held result, and one that outranks it.
+/// Sightings that need a cloud with a held result, and a second cloud that outranks it.
 const TWO_CLOUDS: &[Sighting] = &[
     Sighting::OfferJoins,
     Sighting::EagerOverPending,
@@ -53,7 +53,8 @@ const TWO_CLOUDS: &[Sighting] = &[
     Sighting::Cancelled,
     Sighting::OutrankedDropped,
 ];
-/// Sightings that need three clouds: one that is offered, one with a held result, and one that outranks it.
+/// Sightings that need three clouds: a cloud that is offered, a cloud with a held result, and a
+/// cloud that outranks it.
 const THREE_CLOUDS: &[Sighting] = &[Sighting::OfferOutranked, Sighting::Outranked];
 /// Sightings that need a second timestamp.
 const TWO_TIMESTAMPS: &[Sighting] = &[Sighting::OpenFull, Sighting::OpenRoom];

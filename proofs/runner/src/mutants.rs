@@ -115,7 +115,7 @@ pub(crate) enum MutantOutcome {
 }
 
 impl Mutants {
-    /// Reads the earlier outcomes, or returns none if they are of other sources.
+    /// Reads the earlier outcomes, or returns no outcomes if they are of other sources.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read.

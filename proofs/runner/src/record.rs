@@ -88,8 +88,8 @@ impl Record {
         wrong
     }
 
-    /// Returns the faults that a harness should catch, but that none is recorded to catch in their current
-    /// form.
+    /// Returns the faults that a harness should catch, but that the record has no harness for in
+    /// their current form.
     pub(crate) fn uncaught(
         &self,
         faults: &[SeededFault],

@@ -160,7 +160,7 @@ fn next<const CAPACITY: usize>() -> (bool, bool) {
     let window = any_window::<CLOUDS, CAPACITY>(any_open_position::<CAPACITY>(), entry);
     let own = key_of(earliest(&window.entries.values[0]), window.timestamps.values[0]);
     let due = window.next_due();
-    // The least key is that of one of them.
+    // The least key is the key of one of them.
     let is_first = same_key(window.first, own);
     let is_armed = !same_key(own, DueKey::NEVER);
     // Each level is checked by itself. So no key is before the least of all, because the order is transitive.

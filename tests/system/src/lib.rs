@@ -16,7 +16,7 @@ pub mod parsers;
 #[cfg(feature = "simulate")]
 pub mod simulate;
 
-// The command's sources, under the names by which they call each other.
+// The command's sources, under the names that they use for each other.
 #[cfg(feature = "parsers")]
 #[path = "../../../cli/src/deadline.rs"]
 mod deadline;

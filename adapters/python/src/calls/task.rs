@@ -31,7 +31,7 @@ pub(crate) struct SourceCall {
 enum CallStage {
     /// The handle's arguments: the request and its call, or the message and its timestamp.
     New(Py<PyAny>, Py<PyAny>),
-    /// The iterator by which the handle's coroutine is awaited.
+    /// The iterator that awaits the handle's coroutine.
     Handle(Py<PyIterator>),
     /// The iterator of a coroutine of the driver, which does the rest.
     Driver(Py<PyIterator>),
@@ -268,7 +268,7 @@ impl SourceCall {
     }
 }
 
-/// Returns the iterator by which a coroutine is awaited.
+/// Returns the iterator that awaits a coroutine.
 fn steps_of<'py>(coroutine: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyIterator>> {
     let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
     Ok(steps.cast_into::<PyIterator>()?)

@@ -218,8 +218,8 @@ async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output()
 
 #[tokio::test(start_paused = true)]
 async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
-    // Local is killed at 1 s and is back at 2 s. Everything that it was sent meanwhile is lost. As
-    // by default, it computes four messages at once. The cloud answers all the same, so no timer of
+    // Local is killed at 1 s and is back at 2 s. Everything that it was sent in between is lost. By
+    // default, it computes four messages at once. The cloud answers all the same, so no timer of
     // the rules reveals the loss.
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
     node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;

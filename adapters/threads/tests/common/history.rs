@@ -55,7 +55,7 @@ impl CallHistory {
     }
 
     /// Returns `true` if some order of the calls makes `machine` give the same answers. In this
-    /// order, no call may come before one that had ended when it began.
+    /// order, a call that began after another had ended must come after it.
     ///
     /// # Panics
     /// Panics if there is no call, or if there are more than 64.

@@ -1,4 +1,4 @@
-//! Compares an operator's own counts with those of its trace (D11).
+//! Compares an operator's own counts with the counts that its trace implies (D11).
 
 use std::collections::BTreeMap;
 

@@ -46,8 +46,8 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     held.map_err(|error| error.to_string())?
 }
 
-/// Checks that the rows equal those of a plain reader, and that each row is at a later line than
-/// the row before it.
+/// Checks that a plain reader reads the same rows, and that each row is at a later line than the
+/// row before it.
 fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let mut options = ReaderBuilder::new();
     options.trim(Trim::All);

@@ -175,7 +175,7 @@ impl Drop for Testbed {
     }
 }
 
-/// Makes the names of all clouds resolvable, except that of `but`.
+/// Makes the names of all clouds resolvable, except the name of `but`.
 fn resolve(clouds: usize, but: Option<usize>) -> Result<(), Error> {
     let known = (0..clouds).filter(|cloud| Some(*cloud) != but);
     let lines: Vec<String> = known.map(|cloud| format!("127.0.0.1 {}\n", host(cloud))).collect();

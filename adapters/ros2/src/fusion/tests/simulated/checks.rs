@@ -40,8 +40,8 @@ impl Facts<'_> {
     }
 }
 
-/// Checks that each message has exactly one last status. An input that is no message must have the
-/// key of a remembered message (D1, D2).
+/// Checks that each message has exactly one last status. An input that is not a message must have
+/// the key of a remembered message (D1, D2).
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, messages, replay, .. } = facts;
     let opened = &replay.opened;

@@ -275,7 +275,8 @@ fn states(
             }
             Disturbance::Set(Change::SimTime(_)) | Disturbance::Stalls(_) => {}
             Disturbance::Deadline(seconds) => {
-                // A value that is no positive number of seconds, or exceeds the greatest deadline, is ignored.
+                // A value that is not a positive number of seconds, or exceeds the greatest
+                // deadline, is ignored.
                 if seconds > 0.0 && seconds <= 60.0 {
                     state.deadline = Duration::from_secs_f64(seconds);
                 }

@@ -77,7 +77,7 @@ pub(super) struct Reply {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum DisturbanceKind {
     Result,
-    /// A result whose key is no message's.
+    /// A result whose key belongs to no message.
     Stray,
     Short,
     NotCdr,

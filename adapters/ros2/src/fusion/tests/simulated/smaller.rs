@@ -33,7 +33,7 @@ impl Steps for Scenario {
     }
 }
 
-/// Returns simplifications, each of which removes one thing.
+/// Returns simplifications. Each of them removes one thing.
 fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     let inputs = 0..scenario.inputs.len().min(40);
