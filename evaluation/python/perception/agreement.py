@@ -40,14 +40,14 @@ def read(path: Path = ANNOTATIONS) -> tuple[Annotations, Annotations]:
     """Returns the first and the second pass.
 
     Raises:
-        ValueError: if there is no such box.
+        ValueError: if a box has no area.
     """
     passes = json.loads(path.read_text())
     return _pass(passes["first"]), _pass(passes["again"])
 
 
 def agreement(one: Annotations, other: Annotations) -> BoxAgreement:
-    """Compares two sets on the frames that the second one has. Boxes that overlap most are matched."""
+    """Compares two sets on the frames of the second one. Matches the boxes that overlap most."""
     shared: list[float] = []
     counts = [0, 0]
     for frame, boxes in other.items():

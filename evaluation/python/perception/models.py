@@ -84,7 +84,7 @@ class NanoDet:
 
 
 def on_tiles(network: NanoDet, image: NDArray[np.uint8], share: float = 0.6) -> Boxes:
-    """Returns the people that a network finds in four overlapping tiles. This is slow but thorough."""
+    """Returns the people that a network finds in four overlapping tiles, slowly but thoroughly."""
     height, width = image.shape[:2]
     tile_height, tile_width = round(height * share), round(width * share)
     opinions = []

@@ -1,4 +1,4 @@
-"""The paper's planner: it brakes once three consecutive frames report an obstacle, in whatever order they come."""
+"""The paper's planner: it brakes once three consecutive frames, in any order, report an obstacle."""
 
 from __future__ import annotations
 
