@@ -151,8 +151,8 @@ pub(crate) struct RedLightResult {
     runs: Vec<RedLightRun>,
     /// The runs with the detector in the cloud if it answered in no time.
     at_once: Vec<RedLightRun>,
-    /// The runs with both detectors if nothing hid the runner. The cloud's detector has the
-    /// shortest round trip.
+    /// The runs with both detectors if nothing hid the runner. The cloud's runs have the shortest
+    /// round trip.
     without_occluder: Vec<RedLightRun>,
 }
 
