@@ -220,7 +220,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     pub(crate) fn fire(&mut self, index: OpenIndex, due: Instant) -> Firing<CLOUDS> {
         let timestamp = self.open.timestamp(index);
         let timers = self.open.entry(index).armed_at(due);
-        // A timestamp without a timer at its due instant would fire without end (F5).
+        // If no timer were due, this timestamp would fire again and again (F5).
         debug_assert!(!timers.is_empty(), "what fires is armed");
         let outcome = self.close(index, Cause::Timers(timers));
         Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }

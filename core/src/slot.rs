@@ -292,7 +292,7 @@ impl Slot {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
-        // Nothing pending outranks it; this is also so if nothing else was requested (F3, P6).
+        // Nothing pending outranks the result, or nothing else was requested (F3, P6).
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
@@ -368,7 +368,7 @@ impl Slot {
     /// arrived, only clouds are pending (P12).
     #[inline]
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
-        // The greatest available result is forwarded or none, whatever the cause (F6, P3).
+        // Only the greatest available result can be forwarded, whatever the cause (F6, P3).
         match self.cached.greatest() {
             Some(best) if !self.pending.any_above(best) => match commit {
                 Commit::Eager | Commit::Patient => self.forward(best),

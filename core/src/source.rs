@@ -111,7 +111,8 @@ impl Sources {
     /// Returns `true` if some member outranks `source`.
     #[must_use]
     pub const fn any_above(self, source: Source) -> bool {
-        // If no member is above `source`, the number is at most that of all bits up to its own.
+        // If no member is above `source`, the bits form a number that is at most the one with all
+        // bits up to and including the bit of `source`.
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 

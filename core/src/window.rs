@@ -1,9 +1,10 @@
 //! Stores the open timestamps in ascending order and finds the one that fires first (P9).
 //!
-//! An entry keeps its place until its timestamp is retired. `timestamps` is sorted, and beside each timestamp
-//! is the index of its entry. Retiring a timestamp moves the timestamps before it or those behind it by one
-//! place, whichever are fewer, at ten bytes each. When the end of the arrays is reached, everything moves to
-//! their start. That happens at most once in as many openings as the capacity.
+//! An entry keeps its place until its timestamp is retired. `timestamps` is sorted, and beside each
+//! timestamp is the index of its entry. Retiring a timestamp moves the timestamps before it or
+//! those behind it by one place, whichever are fewer, at ten bytes each. When the end of the arrays
+//! is reached, everything moves to their start. That happens at most once for every `CAPACITY`
+//! openings.
 //!
 //! Each entry has a key that orders the firings (F5). A tree with four children for each node stores the
 //! least key of each group. When a key changes, it is compared with the three keys beside it, and the least
@@ -73,7 +74,8 @@ pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
     /// The key of each entry.
     pub(crate) keys: [DueKey; CAPACITY],
-    /// The least key of each four, then of each four of those, and so on, one level behind the other.
+    /// The least key of each group of four, then of each group of four of those, and so on, level
+    /// after level.
     pub(crate) firsts: [DueKey; CAPACITY],
     /// The least key of all.
     pub(crate) first: DueKey,
@@ -136,7 +138,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Stores sets that have no timer armed that was not armed before.
+    /// Stores sets whose armed timers were all armed before.
     pub(crate) fn set(&mut self, index: OpenIndex, slot: Slot) {
         let timestamp = self.timestamp(index);
         let Some(entry) = self.entries.get_mut(usize::from(index.entry)) else { return };

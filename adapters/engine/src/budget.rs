@@ -11,7 +11,8 @@ use crate::lineage::Lineage;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Budget {
     due: u64,
-    /// The reserve: its part on board ends local's time, and its part with clouds ends requests.
+    /// The two parts of the reserve. Local must end `on_board` before `due`, and requests
+    /// `with_clouds`.
     on_board: u64,
     with_clouds: u64,
     /// The message's age when the operator accepted it; 0 if that is unknown.

@@ -101,7 +101,7 @@ pub enum EngineConfigError {
 }
 
 impl EngineConfig {
-    /// Returns the trace's header, and its keys that the machine does not need.
+    /// Returns the trace's header, and the header's keys that the machine does not need.
     #[must_use]
     pub fn header(&self) -> (Header, HeaderAnnotations) {
         let max_ages = self.clouds.iter().map(|cloud| (u64::from(cloud.priority), cloud.max_age));

@@ -355,7 +355,8 @@ impl CountedEvent {
         }
     }
 
-    /// Returns the name of the event's meter, and its label beside those of operator and source.
+    /// Returns the name of the event's meter, and its label in addition to the operator's and the
+    /// source's.
     const fn meter(self) -> (&'static str, Option<(&'static str, &'static str)>) {
         match self {
             Self::Admitted => ("fuseline_requests_total", Some(("outcome", "admitted"))),

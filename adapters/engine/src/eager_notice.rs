@@ -1,9 +1,9 @@
-//! Notices when an operator under eager gives away a better cloud's chance (A4), at the first message for
-//! which it does.
+//! Notices the first message for which an operator under eager gives away a better cloud's chance
+//! (A4).
 
 use fuseline_traces::Commit;
 
-/// The requests admitted for one message, until the operator was warned once.
+/// The requests admitted for one message, until the first warning.
 pub(crate) struct EagerNotice {
     is_over: bool,
     t: Option<u64>,
@@ -12,7 +12,8 @@ pub(crate) struct EagerNotice {
 }
 
 impl EagerNotice {
-    /// Creates a notice. Only eager commits by a lower cloud's timer.
+    /// Creates a notice. It is already over under other rules, because only eager commits by a
+    /// lower cloud's timer.
     pub(crate) const fn new(commit: Commit) -> Self {
         let is_over = !matches!(commit, Commit::Eager);
         Self { is_over, t: None, admitted: Vec::new() }

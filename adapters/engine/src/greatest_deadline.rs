@@ -1,5 +1,5 @@
-//! Bounds the deadlines of offers. A longer one is a mistake, such as milliseconds read as seconds, and would
-//! hold a result for as long (A14).
+//! Bounds the deadlines of offers. A longer deadline is a mistake, such as milliseconds read as
+//! seconds, and could hold a result for that long (A14).
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ impl GreatestDeadline {
         Self { limit, reported: Vec::new() }
     }
 
-    /// Returns the deadline to offer: 0, which the machine refuses, for a deadline above the bound (F2, A11).
-    /// As the cap of a policy it is at most the bound.
+    /// Returns the deadline to offer. A policy's cap above the bound becomes the bound. Any other
+    /// deadline above the bound becomes 0, which the machine refuses (F2, A11).
     pub(crate) fn of_offer(
         &mut self,
         offered: Duration,

@@ -101,7 +101,8 @@ impl<V> From<V> for StampedValue<V> {
 mod tests {
     use super::*;
 
-    /// A judge counts from the capture what an operator that doubts ages counts from the open (J2).
+    /// An operator that doubts ages counts the deadline from the open, and a judge counts it from
+    /// the capture (J2).
     #[test]
     fn deadline_from_the_open_is_written_with_the_age() {
         let captured = Instant::now();

@@ -25,12 +25,13 @@ pub(crate) struct OpenMessages<V> {
     captures: Option<VecDeque<(u64, Instant)>>,
 }
 
-// With thousands of operators it is in no cache, and aligned it takes one cache line less.
+// With thousands of operators no message is in the cache, and an aligned one spans one cache line
+// less.
 #[repr(align(64))]
 pub(crate) struct OpenMessage<V> {
     t: u64,
     pub(crate) opened: u64,
-    /// The best result that was not sent. No other one can be forwarded (P3).
+    /// The best result that was not sent. No other result can be forwarded (P3).
     pub(crate) held: Option<HeldValue<V>>,
     pub(crate) failures: Vec<Failure>,
     /// The number of its items.
@@ -95,7 +96,7 @@ impl<V> OpenMessages<V> {
         self.open.get_mut(index)
     }
 
-    /// Returns the message's next item. With the last one it is no longer open.
+    /// Returns the message's next item. After its last item the message is no longer open.
     pub(crate) fn item(
         &mut self,
         t: u64,
@@ -109,7 +110,8 @@ impl<V> OpenMessages<V> {
         let earlier = of.filter(|of| *of != t).map(|of| self.captured(of));
         let message = self.find(t)?;
         let lineage = message.lineage.clone();
-        // A value of an earlier message is as old as that message, so ages are true.
+        // The age is the value's. If the value is of an earlier message, it is as old as that
+        // message.
         let captured = earlier.unwrap_or_else(|| lineage.as_ref()?.captured);
         let age = instant.zip(captured).map(|(now, then)| now.saturating_duration_since(then));
         let item = Item {
@@ -160,7 +162,7 @@ impl<V> OpenMessages<V> {
     }
 
     fn index(&self, t: u64) -> Option<usize> {
-        // Usually it is the oldest.
+        // Usually the message is the oldest one.
         if self.open.front()?.t == t {
             return Some(0);
         }

@@ -3,7 +3,8 @@
 
 /// The least time, in ns, between two lines about a source.
 const EVERY: u64 = 10_000_000_000;
-/// The number of timers in a row that are an outage. One failure is an outage, because it says so.
+/// The number of timers in a row that count as an outage. A single failure counts as one, because
+/// it says that no result will come.
 const TIMERS: u64 = 16;
 
 /// The requests of one source that ended without a result since its last one.

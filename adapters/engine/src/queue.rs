@@ -162,7 +162,7 @@ impl<R> SourceQueue<R> {
         if self.linger == 0 {
             return Some(call.abandoned());
         }
-        // Otherwise a dead cloud would gather more and more of them.
+        // Without this bound, a dead cloud would gather more and more lingering calls.
         let oldest = if self.lingering.len() >= self.at_once {
             self.lingering.pop_front().map(InFlightCall::abandoned)
         } else {

@@ -21,7 +21,7 @@ use crate::mcap::Mcap;
 
 /// The longest time that a line waits before it is written.
 const PERIOD: Duration = Duration::from_millis(500);
-/// As soon as this many lines wait, they are written.
+/// The number of waiting lines at which they are written without delay.
 const LINES: usize = 512;
 /// The greatest number of lines that may wait for the disk.
 const WAITING: usize = 64 * LINES;
@@ -60,7 +60,7 @@ struct PendingInputs {
 #[derive(Default)]
 struct EventBatch {
     events: Vec<Event>,
-    /// By the index of their event, ascending.
+    /// Each with the index of its event, in ascending order.
     annotations: Vec<(usize, Annotations)>,
 }
 
@@ -291,7 +291,7 @@ impl Sink {
     }
 }
 
-/// Returns the same error with the file that it is about.
+/// Returns a copy of the error that names the file.
 fn again(error: &io::Error, file: &Path) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", file.display()))
 }

@@ -1,5 +1,5 @@
-//! Compares the engine with a naive one: effects, items, calls of policies, gauges, metrics and tally are the
-//! same.
+//! Checks that the engine and a naive one agree on effects, items, calls of policies, gauges,
+//! metrics and tally.
 
 use std::collections::BTreeMap;
 use std::mem;
@@ -15,7 +15,7 @@ use fuseline_engine::{
 use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
 use proptest::prelude::*;
 
-/// A policy that writes its calls where the test reads them.
+/// A policy that logs its calls for the test.
 struct LoggingPolicy {
     p: u16,
     log: Arc<Mutex<Vec<String>>>,
@@ -170,7 +170,7 @@ fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<Stri
     (gauges, counters)
 }
 
-/// Returns the tally in the words of the metrics, without what only the metrics have.
+/// Returns the tally's counts under the names of the metrics.
 fn tallied(tally: &Tally) -> BTreeMap<String, u64> {
     let mut all =
         vec![("messages".to_owned(), tally.messages), ("missed_messages".into(), tally.missed)];
@@ -206,7 +206,6 @@ fn tallied(tally: &Tally) -> BTreeMap<String, u64> {
     all.into_iter().filter(|(_, count)| *count > 0).collect()
 }
 
-/// Both engines.
 struct EnginePair {
     engine: Engine<MarkedValue, u64>,
     naive: NaiveEngine,
@@ -287,8 +286,8 @@ impl EnginePair {
 }
 
 proptest! {
-    /// Whatever happens, the engine does and counts what the naive one does (D3, D5, D8, D11, D13, D17, T5,
-    /// T6).
+    /// The engine and the naive one do and count the same, whatever happens (D3, D5, D8, D11, D13,
+    /// D17, T5, T6).
     #[test]
     fn engine_agrees_with_a_naive_one(
         settings in settings(),
@@ -300,7 +299,7 @@ proptest! {
             pair.compare(step)?;
         }
         let EnginePair { engine, naive, snapshotter, .. } = pair;
-        // A snapshot takes what was counted.
+        // Taking a snapshot resets the counters, so there is only one.
         let (gauges, counters) = metered(&snapshotter);
         prop_assert_eq!(gauges, naive.gauges());
         prop_assert_eq!(&counters, &naive.counts);

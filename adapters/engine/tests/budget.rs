@@ -67,7 +67,7 @@ fn effects(engine: &mut Tested) -> Vec<String> {
     words.collect()
 }
 
-/// A wall clock may step, and moves no deadline (D13).
+/// A deadline does not move with an age from a wall clock, which may step (D13).
 #[test]
 fn a_doubtful_age_moves_no_deadline() {
     let (mut engine, start) = changed(|config| config.has_doubtful_ages = true);
@@ -111,7 +111,8 @@ fn an_operator_whose_budget_is_gone_asks_no_cloud() {
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1001)"]);
 }
 
-/// No message is open after its end-to-end deadline or, with a substitute, after the budget (E2, E4).
+/// A message is closed by its end-to-end deadline or, with a substitute, by the end of its budget
+/// (E2, E4).
 #[test]
 fn no_message_is_open_after_its_budget() {
     for (has_substitute, due) in [(false, 1400), (true, 1250)] {
@@ -130,7 +131,7 @@ fn no_message_is_open_after_its_budget() {
     }
 }
 
-/// Nothing ends earlier if there is no end-to-end deadline (E3).
+/// Without an end-to-end deadline, requests and local keep their own deadlines (E3).
 #[test]
 fn no_end_to_end_deadline_ends_nothing_earlier() {
     let (mut engine, start) = changed(|config| config.has_substitutes = true);
@@ -143,7 +144,7 @@ fn no_end_to_end_deadline_ends_nothing_earlier() {
     assert_eq!(effects(&mut engine), [""; 0]);
 }
 
-/// A policy that takes what is allowed, at most 450 ms, and stores its reports.
+/// A policy that chooses its cap, but at most 450 ms, and stores the reports that it gets.
 struct EndToEnd(Arc<Mutex<Vec<String>>>);
 
 impl Policy for EndToEnd {
@@ -158,7 +159,7 @@ impl Policy for EndToEnd {
     }
 }
 
-/// A policy decides about the whole way from the capture to the last output (E3).
+/// A policy's figures cover the whole way from the capture to the last output (E3).
 #[test]
 fn policy_decides_from_capture_to_last_output() {
     let reported = Arc::new(Mutex::new(Vec::new()));
@@ -166,7 +167,7 @@ fn policy_decides_from_capture_to_last_output() {
     let (mut engine, start) = changed(|config| config.clouds[0].policy = Some(policy));
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
-    // 450 ms, of which 100 have passed and 150 are kept.
+    // Of the 450 ms, 100 ms have passed and 150 ms are the reserve.
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1200)"]);
     open(&mut engine, start, 1020, 1, 100);
     engine.result(ms(1070), 0, 1, "boxes");
@@ -202,13 +203,13 @@ fn discards_the_oldest_computation_unless_needed() {
         let next = if lost == 1 { 2 } else { 1 };
         expected.push(format!("start 0 {next} until None"));
         assert_eq!(effects(&mut engine), expected);
-        // The message that lost local may still get a cloud's result.
+        // A message whose local computation was discarded may still get a cloud's result.
         engine.result(5, 3, 1, "the cloud's");
         assert_eq!(effects(&mut engine), ["0: 3 the cloud's"]);
     }
 }
 
-/// Local's results and last items are measured, whatever is sent first and whatever is refused (E3, E11).
+/// A latency measures local's results and last items, whatever is sent first or refused (E3, E11).
 #[test]
 fn latency_counts_local_and_last_items() {
     let latency = Latency::measured(1, Duration::ZERO);
@@ -238,7 +239,7 @@ fn latency_counts_local_and_last_items() {
     assert_eq!(latency.estimate().on_board(), 5 * MS);
 }
 
-/// A cloud downstream takes no time from local (E11).
+/// The time that is kept for a cloud downstream does not shorten local's time (E11).
 #[test]
 fn local_ends_at_the_reserve_on_board() {
     let (mut engine, start) = changed(|config| config.has_substitutes = true);

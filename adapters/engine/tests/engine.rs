@@ -80,7 +80,7 @@ fn better_result_aborts_and_late_ones_change_nothing() {
     assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
 }
 
-/// A timer forwards a held result in the input that brings another message's result (D2).
+/// A due timer forwards a held result before the input, another message's result, is handled (D2).
 #[test]
 fn timer_forwards_before_the_input_that_brings_it() {
     let mut engine = engine();
@@ -136,7 +136,8 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         engine.offer(t, t, 1, 100 * NS, t);
         engine.result(t, t, 0, "local");
     }
-    // One is under way and two wait. The fourth was refused, so its local result was forwarded at once.
+    // One request is under way and two wait. The fourth was refused, so that message's local result
+    // was forwarded at once.
     let west = &engine.counts().tally().sources[2];
     assert_eq!(west.refused[&OfferRefusal::Queue], 1);
     assert_eq!(west.admitted, 3);
@@ -159,7 +160,8 @@ fn local_beyond_its_queue_fails_and_cloud_answers() {
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
-/// Under progressive each better result is sent at once and aborts what it outranks (F9, D1).
+/// Under progressive each better result is sent at once and aborts the calls that it outranks (F9,
+/// D1).
 #[test]
 fn progressive_sends_better_results_and_aborts() {
     let mut engine = under(Commit::Progressive);
@@ -201,7 +203,7 @@ fn progressive_sends_better_results_and_aborts() {
     assert!(engine.is_idle() && effects(&mut engine).is_empty());
 }
 
-/// A consumer that was not given the preliminary item gets its value with the last one (D1).
+/// A consumer that did not get the preliminary item gets its value with the last item (D1).
 #[test]
 fn final_item_can_take_over_the_earlier_value() {
     let mut engine = under(Commit::Progressive);
@@ -321,7 +323,8 @@ fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
     metrics
 }
 
-/// Returns an engine whose local answers over topics, with four computations at once and a limit of 100.
+/// Returns an engine whose local results may be lost, as they may over ROS topics, with four
+/// computations at once.
 fn over_topics() -> Tested {
     let local = Local { at_once: 4, waiting: Some(4), may_lose_results: true, ..Local::default() };
     Engine::new(config(&header(Commit::Eager), &[64, 64], local)).unwrap()
@@ -349,7 +352,7 @@ fn lost_computation_frees_its_place_after_an_output() {
         engine.offer(t, t, 2, 50 * NS, t);
         engine.result(t, t, 2, "east's");
     }
-    // All messages have ended, so no timer of the rules is left.
+    // All messages have ended, so the machine has no timer left.
     assert!(engine.is_idle());
     assert_eq!(started(&mut engine), [0, 1, 2, 3]);
     assert_eq!(engine.next_due(), Some(100));
@@ -359,7 +362,8 @@ fn lost_computation_frees_its_place_after_an_output() {
     assert_eq!((started(&mut engine), engine.next_due()), (vec![4], Some(101)));
     assert_eq!(engine.counts().tally().sources[0].lost, 1);
     engine.tick(101);
-    // Nothing waits any more, so further losses are noticed only when they matter.
+    // Nothing waits any more, so further losses are noticed only when another computation needs a
+    // place.
     assert_eq!((started(&mut engine), engine.next_due()), (vec![5], None));
     assert!(engine.open(300, 6, Some(100 * NS), 6, []));
     assert_eq!(started(&mut engine), [6]);
@@ -396,7 +400,7 @@ fn a_computation_that_still_runs_keeps_its_place() {
     assert_eq!(engine.next_due(), Some(100));
     engine.tick(1000);
     assert_eq!((started(&mut engine), engine.next_due()), (vec![0], None));
-    // It is reported once.
+    // The loss is counted only once.
     engine.tick(2000);
     assert_eq!(engine.counts().tally().sources[0].lost, 1);
     engine.result(2001, 0, 0, "local's of 0");
@@ -423,7 +427,7 @@ fn replaces_hung_computations_up_to_a_bound() {
     engine.tick(200);
     assert_eq!(started(&mut engine), [0; 0], "the bound is reached");
     assert_eq!(engine.counts().tally().sources[0].lost, 2);
-    // The replaced computation ends, which frees the bound but no place.
+    // The replaced computation ends. Another one may be replaced now, but no place is free.
     engine.result(300, 0, 0, "local's of 0");
     assert_eq!(started(&mut engine), [0; 0]);
     engine.result(301, 1, 0, "local's of 1");
@@ -495,7 +499,7 @@ fn failure_reasons_are_in_the_item_and_counted() {
         engine.offer(t, t, 2, 50 * NS, t);
         engine.fail(t, t, 2, if t == 1 { &"reset" } else { &"connection refused" });
         engine.fail(t, t, 0, &"x".repeat(1000));
-        // It is superseded, because nobody waited for it.
+        // This failure is superseded, because the message has ended.
         engine.fail(t, t, 0, &"too late to matter");
     }
     let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {

@@ -1,4 +1,5 @@
-//! Tests the origin, the age and the `of` of values, in items and in the trace (A46, A51, D2).
+//! Tests origins, ages and the messages that values are of (`of`), in items and in the trace (A46,
+//! A51, D2).
 
 use std::fs;
 use std::sync::Arc;
@@ -15,7 +16,7 @@ type Tested = Engine<&'static str, u64>;
 
 const NS: Duration = Duration::from_nanos(1);
 
-/// An engine that records, and what it did.
+/// An engine that records, with the folder of its trace.
 struct RecordedEngine {
     engine: Tested,
     start: Instant,
@@ -23,7 +24,8 @@ struct RecordedEngine {
 }
 
 impl RecordedEngine {
-    /// Creates an engine. Cloud 1 may send values of up to `max_age` messages before.
+    /// Creates an engine. Cloud 1 may send values of messages up to `max_age` before the current
+    /// one.
     fn new(commit: Commit, max_age: u64) -> Self {
         let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
         let header = Header { operator: None, window: 4, commit, clouds: vec![cloud] };
@@ -44,8 +46,8 @@ impl RecordedEngine {
         Self { engine, start, folder }
     }
 
-    /// Returns the lineage of a camera's message with its own number, captured `age` before it is opened at
-    /// `at`.
+    /// Returns the lineage of a camera's message `seq`, which was captured `age` before it is
+    /// opened at `at`.
     fn lineage(&self, at: u64, seq: u64, age: u64) -> Arc<Lineage> {
         let opened = self.start + Duration::from_nanos(at);
         let captured = opened.checked_sub(Duration::from_nanos(age)).unwrap();
@@ -97,7 +99,8 @@ fn item_has_its_messages_lineage_and_age() {
     let item = run.items().remove(0);
     assert_eq!(item.lineage, Some(run.lineage(10, 40, 7)));
     assert_eq!(item.age, Some(27 * NS));
-    // Captured after it is opened, by a clock that runs ahead: the age is 0, never less.
+    // A clock that runs ahead says that this message was captured after it was opened. Its age is
+    // 0, never less.
     run.open(40, 1, 0);
     let ahead = Arc::new(Lineage::new("camera", 9, run.start + 60 * NS));
     run.engine.open_with(40, 1, None, Some(ahead), 1, []);
@@ -108,7 +111,7 @@ fn item_has_its_messages_lineage_and_age() {
         (&*origin.stream, origin.seq, refused.age),
         ("camera", Some(9), Some(Duration::ZERO))
     );
-    // Nothing is known of a message that was given without a lineage.
+    // A message without a lineage has no age and no origin.
     run.engine.open(50, 2, None, 2, []);
     run.engine.result(51, 2, 0, "boxes");
     let item = run.items().remove(0);
@@ -141,11 +144,12 @@ fn engine_without_start_writes_no_age() {
     assert_eq!(run.lines(&["open"]), [opened]);
 }
 
-/// The emit names the message that its value is of (D2).
+/// The `emit` names the message that its value is of (D2).
 #[test]
 fn emit_names_the_message_of_its_value() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
-    // One is sent at once, one is held until a timer fires, and one does not say.
+    // One result is sent at once, one is held until a timer fires, and one does not state its
+    // message.
     for t in 0..3 {
         run.open(t, t, 0);
     }
@@ -188,7 +192,8 @@ fn a_value_of_another_message_is_a_failure() {
     assert_eq!(run.lines(&["fail", "result"]).len(), 4);
 }
 
-/// D18: a chunk of observation 0 has an action for each tick.
+/// An action that is meant for another tick is a failure (D18). A chunk of observation 0 has one
+/// for each tick.
 #[test]
 fn action_meant_for_another_tick_is_a_failure() {
     let mut run = RecordedEngine::new(Commit::Eager, 3);
@@ -220,7 +225,8 @@ fn action_meant_for_another_tick_is_a_failure() {
     );
 }
 
-/// D2.
+/// A cloud's value may be up to `max_age` messages old, and its item has the age of the value's
+/// message (D2).
 #[test]
 fn a_value_may_be_as_old_as_the_cloud_may_send_and_is_as_old_as_its_message() {
     let mut run = RecordedEngine::new(Commit::Eager, 2);

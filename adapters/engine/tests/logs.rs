@@ -1,5 +1,5 @@
-//! Tests what an operator logs. It is one test, because a program has one cache of which subscriber wants
-//! which event.
+//! Tests what an operator logs. There is only one test, because a program has one cache of which
+//! subscriber wants which event.
 
 use std::io::Write;
 use std::sync::{Arc, Mutex};

@@ -1,4 +1,4 @@
-//! Checks that a policy decides only about requests that are sent, and that its cap holds.
+//! Checks that a policy decides only about requests that are admitted, and that its cap holds.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
@@ -25,7 +25,7 @@ fn engine(policy: impl Policy + Send + 'static) -> Tested {
     beside(&header(&[WEST]), policy)
 }
 
-/// Returns the same with the clouds of a header.
+/// Returns such an engine with the clouds of a header.
 fn beside(header: &Header, policy: impl Policy + Send + 'static) -> Tested {
     let local = Local { at_once: 64, waiting: Some(0), ..Local::default() };
     let mut config = config(header, &[1], local);
@@ -71,8 +71,8 @@ fn noting<P: Policy>(policy: P) -> (RecordingPolicy<P>, Arc<Mutex<Vec<Reason>>>)
 fn a_policy_is_not_called_for_what_will_be_refused() {
     let (policy, reasons) = noting(Constant(CAP));
     let mut engine = engine(policy);
-    // One is sent, one waits, and two find the gate shut. Then offers are repeated, made with no time, and
-    // made too late.
+    // One request is sent, one waits, and two find the gate shut. Then one offer is repeated, one
+    // has a deadline of 0, and one comes too late.
     for t in 0..4 {
         assert!(engine.open(0, t, None, (), [offer()]));
     }
@@ -87,7 +87,8 @@ fn a_policy_is_not_called_for_what_will_be_refused() {
     assert_eq!((refused(OfferRefusal::Deadline), refused(OfferRefusal::Closed)), (1, 1));
 }
 
-/// A policy is called for none of the reasons to refuse, and for an admitted offer (T6, F2).
+/// A policy is called for an admitted offer, but not if there is any reason to refuse the offer
+/// (T6, F2).
 #[test]
 fn policy_is_called_only_for_admitted_offers() {
     const NORTH: u16 = 3;
@@ -112,7 +113,7 @@ fn policy_is_called_only_for_admitted_offers() {
         }),
         (OfferRefusal::Deadline, |engine| engine.offer(MS, 7, WEST, Duration::ZERO, ())),
         (OfferRefusal::Deadline, |engine| {
-            // At the end of the clock nothing is due later.
+            // At the end of the clock's range no due instant can be later than now.
             engine.tick(u64::MAX);
             engine.offer(u64::MAX, 7, WEST, CAP, ());
         }),
@@ -135,12 +136,12 @@ fn policy_is_called_only_for_admitted_offers() {
     }
 }
 
-/// An engine among its sources: local takes 20 ms, and west takes 60 ms from when it is called.
+/// An engine and its sources. Local takes 20 ms, and west takes 60 ms from when it is called.
 struct Run {
     engine: Tested,
     now: u64,
     is_west_gone: bool,
-    /// The instants, messages and sources of results that will come.
+    /// The instants, messages and sources of the results that are still to come.
     answers: Vec<(u64, u64, u16)>,
     /// The messages that were forwarded with west's results.
     wests: Vec<u64>,
@@ -204,14 +205,15 @@ fn finds_returned_cloud_behind_a_busy_gate() {
     run.burst(0..2);
     run.until(100 * MS);
     run.is_west_gone = false;
-    // Of four messages at once the first is sent, the second waits, and the others find the gate shut. If
-    // messages counted, each probe would be a third one.
+    // Four messages come at once. The first request is sent, the second waits, and the others find
+    // the gate shut. If the policy counted messages instead of requests, every probe would be a
+    // third request, which is refused.
     for burst in 0..30 {
         let first = 2 + 4 * burst;
         run.burst(first..first + 4);
         run.until((200 + 100 * burst) * MS);
     }
-    // Sixteen requests after its return, the policy knows only calls from after it.
+    // Sixteen requests after the cloud's return, the policy remembers only calls since then.
     let found: Vec<_> = (8..30).map(|burst| 2 + 4 * burst).collect();
     assert!(found.iter().all(|first| run.wests.contains(first)), "{:?}", run.wests);
     let reasons = reasons.lock().unwrap();
@@ -221,7 +223,8 @@ fn finds_returned_cloud_behind_a_busy_gate() {
     assert_eq!(probes, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
 }
 
-/// Due timers come before the offer, so its message is closed before the policy would be asked (T6, F0).
+/// Due timers come first. They close the message, so the policy is not asked about the offer (T6,
+/// F0).
 #[test]
 fn policy_is_not_called_after_a_closing_timer() {
     for late_by in [0, 1] {
@@ -238,7 +241,7 @@ fn policy_is_not_called_after_a_closing_timer() {
     }
 }
 
-/// The deadline in force that is shown is the one that the request gets (D11).
+/// The tally shows the deadline that the request gets, which is at most the cap (D11).
 #[test]
 fn policy_above_its_cap_is_shown_with_the_cap() {
     struct Beyond;

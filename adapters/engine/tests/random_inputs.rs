@@ -1,4 +1,5 @@
-//! Gives the engine random inputs, and checks bounds, one output for each message, and a trace that conforms.
+//! Gives the engine random inputs. Checks that its bounds hold, that each message has one output,
+//! and that the trace conforms.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -79,7 +80,7 @@ proptest! {
         engine.record(recorder).unwrap();
         let at_once = [2, 1, 2];
         let (mut now, mut next) = (0_u64, 0);
-        // The machine's clock, which is the greatest instant of the caller's.
+        // The machine's clock, which is the greatest instant that the caller has given.
         let mut latest = 0;
         let mut in_flight: BTreeSet<(u16, u64)> = BTreeSet::new();
         let mut answered: BTreeSet<u64> = BTreeSet::new();
@@ -179,7 +180,8 @@ proptest! {
         prop_assert!(verdict.violations.is_empty(), "{:#?}", verdict.violations);
     }
 
-    /// Every input is given to both engines, and their queues must not distinguish them (P13, D2).
+    /// Both engines get every input and have room for every call, so that queues make no difference
+    /// (P13, D2).
     #[test]
     fn progressive_ends_as_patient_at_the_same_instants(
         steps in proptest::collection::vec(step(), 1..200),

@@ -1,4 +1,5 @@
-//! Tests what a recording has in the file while the operator runs, and what becomes of it on a full disk.
+//! Tests which lines are in a recording's file while the operator runs, and what happens when the
+//! disk is full.
 
 use std::env;
 use std::fs;
@@ -14,7 +15,7 @@ use tempfile::TempDir;
 
 type Tested = Engine<u64, u64>;
 
-/// A time that nothing takes: if a file lacks something by then, it never gets it.
+/// Longer than any write takes. A line that is missing after this time was never written.
 const NEVER: Duration = Duration::from_secs(60);
 
 fn header() -> Header {
@@ -53,7 +54,7 @@ fn until_written(path: &Path, words: &str) -> String {
     text
 }
 
-/// Returns `true` if the file has the decision about this message, which [`answer`] was called for.
+/// Returns `true` if the file has the decision about message `t`, for which [`answer`] was called.
 fn is_written(path: &Path, t: u64) -> bool {
     let emitted = format!(r#"{{"ev":"emit","at":{},"t":{t},"p":0}}"#, 10 * t + 1);
     fs::read_to_string(path).unwrap().contains(&emitted)
@@ -80,7 +81,7 @@ fn idle_operator_has_everything_in_its_file() {
     }
 }
 
-/// A killed process leaves the miss that it died of (D10).
+/// A miss is in the file even if the process is killed right after it (D10).
 #[test]
 fn a_killed_process_leaves_the_miss_that_it_died_of() {
     const PATH: &str = "RECORDING_TEST_PATH";
@@ -154,7 +155,7 @@ fn full_disk_is_reported_and_the_operator_continues() {
     while counts.tally().recording_error.is_none() {
         answer(&mut engine, t);
         t += 1;
-        // However slow the disk is, it never has more to write than this.
+        // At most 40 messages wait for the disk, however slow it is.
         if t.is_multiple_of(40) {
             until(|| is_written(&path, t - 1) || counts.tally().recording_error.is_some());
         }
@@ -211,7 +212,7 @@ fn ended(deadline: Option<Duration>) -> Vec<String> {
     text.lines().skip(4).map(str::to_owned).collect()
 }
 
-/// A run that ends with an open message says so by a last tick (A44).
+/// A run that ends with an open message has a tick as its last line (A44).
 #[test]
 fn run_with_an_open_message_ends_with_a_tick() {
     let open = r#"{"ev":"open","at":10,"t":1}"#;
@@ -226,13 +227,13 @@ fn a_last_tick_decides_nothing() {
     assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":90}"#);
 }
 
-/// Inputs that came while the disk was too slow are missing, and every reader of the recording's state learns
-/// that (D10).
+/// Inputs that come while the disk is too slow are missing, and the tally and `finish` both report
+/// it (D10).
 #[test]
 fn slow_disk_ends_the_trace_and_is_reported() {
     let (_folder, path) = folder();
     assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
-    // A pipe that nobody reads at first stands for a disk that takes nothing for now.
+    // A pipe that is not read at first stands for a disk that is stuck.
     let (read_on, may_read) = std::sync::mpsc::channel::<()>();
     let slow = path.clone();
     let reader = thread::spawn(move || {
@@ -251,7 +252,7 @@ fn slow_disk_ends_the_trace_and_is_reported() {
         assert!(t < 1_000_000, "a million messages wait for the disk");
     }
     read_on.send(()).unwrap();
-    // Later ones would leave a gap.
+    // Recording these would leave a gap.
     for later in t..t + 100 {
         answer(&mut engine, later);
     }

@@ -1,5 +1,5 @@
-//! Checks that the engine recovers from any disturbance: nothing runs, waits, is due or is shown, and the
-//! next message is served.
+//! Checks that the engine recovers from any disturbance. Afterwards nothing runs, waits or is due,
+//! all gauges are 0, and the next message is served.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ fn offer(t: u64) -> [Offer<u64>; 1] {
     [Offer { priority: 1, deadline: 100 * NS, request: t }]
 }
 
-/// Returns what is to be started, without the requests' order.
+/// Returns the priorities and timestamps of the calls to start.
 fn started(engine: &mut Tested) -> Vec<(u16, u64)> {
     let effects = std::iter::from_fn(|| engine.next_effect());
     effects
@@ -57,7 +57,7 @@ fn lingering_call_ends_without_any_other_input() {
     }
 }
 
-/// Hints continue after the first 1024 messages.
+/// Late results are passed on as hints even after more than 1024 messages.
 #[test]
 fn late_results_stay_hints_after_many_messages() {
     let mut engine = engine(|config| config.takes_hints = true);
@@ -75,7 +75,7 @@ fn late_results_stay_hints_after_many_messages() {
     }
 }
 
-/// Whatever the sources do, all gauges return to zero (D8, D11, D13).
+/// All gauges return to zero, whatever the sources do (D8, D11, D13).
 #[test]
 fn serves_as_at_first_after_any_disturbance() {
     let recorder = DebuggingRecorder::new();
@@ -88,7 +88,7 @@ fn serves_as_at_first_after_any_disturbance() {
     let offers = |t| [1, 2].map(|priority| Offer { priority, deadline: 100 * NS, request: t });
     let mut at = 0;
     for round in 0..300_u64 {
-        // There are more messages than there is room for, and each ends in another way.
+        // More messages come than there is room for, and they end in different ways.
         let first = round * 10;
         assert!(engine.open(at, first, Some(400 * NS), first, offers(first)));
         assert_eq!(started(&mut engine), [(0, first), (1, first), (2, first)], "round {round}");
@@ -104,7 +104,7 @@ fn serves_as_at_first_after_any_disturbance() {
                 _ => {}
             }
         }
-        // Local ends what it began, perhaps late. Clouds do not.
+        // Local finishes the computations that it began, perhaps late. Clouds never answer.
         let mut ended = vec![(0, first)];
         loop {
             while let Some(effect) = engine.next_effect() {
@@ -138,7 +138,7 @@ fn serves_as_at_first_after_any_disturbance() {
     }
 }
 
-/// Computations that hang, and those whose results are lost, are metered (D11, D13).
+/// Computations are metered if they hang or if their results are lost (D11, D13).
 #[test]
 fn each_lost_computation_is_metered() {
     for may_lose_results in [false, true] {

@@ -23,7 +23,7 @@ fn an_item_waits_for_earlier_ones_until_it_is_due() {
     orderer.arrive(start + 20 * MS, (1, true), None, "one");
     assert_eq!(ready(&mut orderer), [Ordered::Item("one"), Ordered::Item("two")]);
     assert_eq!(orderer.next_due(), None);
-    // 3 to 5 do not come. The end-to-end deadline of 7 leaves the reserve at 60 ms.
+    // Items 3 to 5 never come. At 60 ms, only the reserve is left of item 7's end-to-end deadline.
     orderer.arrive(start + 30 * MS, (6, true), None, "six");
     orderer.arrive(start + 30 * MS, (7, true), Some(start + 70 * MS), "seven");
     assert_eq!(orderer.next_due(), Some(start + 60 * MS));
@@ -54,7 +54,7 @@ fn revisions_go_at_once_while_it_is_their_turn() {
     assert_eq!(ready(&mut orderer), [Ordered::PassedOver(2..3), Ordered::Item("3")]);
 }
 
-/// At most as many items wait as there is room for (E8).
+/// The number of waiting items is bounded (E8).
 #[test]
 fn no_more_items_wait_than_there_is_room_for() {
     let mut orderer = Reorderer::new(Duration::MAX, Duration::ZERO);

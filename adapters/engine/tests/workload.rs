@@ -34,7 +34,7 @@ fn each_remedy_is_enough_and_no_more() {
     assert!(workload(0.4617, 0.1).check(16, 4, [("west", 14)]).is_err());
     assert!(workload(0.2656, 0.1).check(16, 4, [("west", 8)]).is_ok());
     assert!(workload(0.2667, 0.1).check(16, 4, [("west", 8)]).is_err());
-    // Local is open too, however short the deadline is.
+    // A message also stays open for as long as local takes, however short the deadline is.
     assert!(workload(0.01, 0.6).check(16, 19, []).is_err());
 }
 

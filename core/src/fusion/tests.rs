@@ -181,7 +181,8 @@ fn retired_timestamp_is_superseded_and_one_beyond_all_unknown() {
     assert_eq!(inputs.fail(t(5), Priority::new(6)), Outcome::Dropped(DropReason::Unknown));
 }
 
-/// Neither due instants of disarmed timers nor places in memory make machines unequal.
+/// Machines are equal even if they differ in the due instants of disarmed timers or in places in
+/// memory.
 #[test]
 fn machines_that_answer_alike_are_equal_and_hash_alike() {
     let hash = |fusion: &Small| {

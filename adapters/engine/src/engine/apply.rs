@@ -25,7 +25,8 @@ use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
 
 impl<V, R> Engine<V, R> {
-    /// Notes the time before the input that carries it.
+    /// Handles the passing of time up to `at`, before the input itself: meters the lag of the timer
+    /// that is due, and ends calls that have lingered long enough.
     pub(super) fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.counts.timer_lag(Duration::from_nanos(at - due));
@@ -79,7 +80,8 @@ impl<V, R> Engine<V, R> {
         self.decide_annotated(input, || Annotations::NONE)
     }
 
-    /// Does the same with further keys of the input, which are made only if something is recorded.
+    /// Does the same as [`decide`](Self::decide), with further keys of the input. `annotations`
+    /// makes them only if something is recorded.
     pub(super) fn decide_annotated(
         &mut self,
         input: &Input,
@@ -119,7 +121,7 @@ impl<V, R> Engine<V, R> {
         self.settle(at, t, Trigger::Timer, &firing.outcome);
     }
 
-    /// Warns of a failure unless one of this source was logged just before (F4).
+    /// Warns of a failure, unless a failure of this source was logged shortly before (F4).
     pub(super) fn log_failure(&mut self, at: u64, t: u64, index: Option<usize>, why: &str) {
         let line = index.map(|index| self.sources[index].outage.failed(at));
         let (operator, source) = (&*self.operator, index.map(|index| self.sources.name(index)));
@@ -242,7 +244,7 @@ impl<V, R> Engine<V, R> {
             }
             Outcome::Forwarded { .. } => {
                 self.counts.source(index, CountedEvent::Forwarded);
-                // It is the best available result now, and that one is sent.
+                // The result is now the best available one, which is what `settle` sends.
                 self.open_messages.hold(t, p, at, value);
                 self.settle(at, t, Trigger::Arrival, outcome);
             }
@@ -331,7 +333,8 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// Gives an item of an accepted message, which is no longer open after its last item (D1).
+    /// Outputs an item of an accepted message. After its last item the message is no longer open
+    /// (D1).
     fn output(&mut self, at: u64, t: u64, ending: Ending<V>) {
         if self.local.skip_answered {
             self.sources[LOCAL].withdraw(t);
@@ -344,7 +347,7 @@ impl<V, R> Engine<V, R> {
         self.effects.push(Effect::Output(item));
     }
 
-    /// Gives a result that came too late but may still help.
+    /// Passes on a result that came too late for its message but may help with later ones.
     fn hint(&mut self, at: u64, timestamp: u64, index: usize, value: V, why: DropReason) {
         if !matches!(why, DropReason::Late | DropReason::Superseded) {
             return;
@@ -355,7 +358,8 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// Notes that a request ended by itself, perhaps before it was sent. Returns how long after it was sent.
+    /// Notes that a request ended by itself, perhaps before it was sent. Returns the time since it
+    /// was sent, if it was.
     pub(super) fn ended(
         &mut self,
         at: u64,
@@ -451,7 +455,8 @@ impl<V, R> Engine<V, R> {
 
     /// Sends an admitted request now, or lets it wait.
     pub(super) fn admit(&mut self, now: u64, index: usize, request: Waiting<R>) {
-        // Room is made first. If another queue changed, its requests start in the order of the sources.
+        // Lost computations first give up their places. If another queue has changed, the request
+        // waits, so that all requests start in the order of the sources.
         self.lose(now);
         let is_settled = self.sources.is_settled();
         let queue = &mut self.sources[index];

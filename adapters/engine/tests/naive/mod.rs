@@ -1,4 +1,5 @@
-//! A naive engine, written with plain lists from the engine's documentation. The reference machine decides.
+//! A naive engine with plain lists, written from the engine's documentation. The reference machine
+//! decides.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -6,7 +7,7 @@ use std::time::Duration;
 use fuseline_engine::{Commit, DropReason, Ending, Item, Local, Overflow, Trigger};
 use fuseline_traces::{Decision, ExpectedDecisions, Header, Input, Reference};
 
-/// A value that says for which message and from which source it is.
+/// A value that states its message and its source.
 pub(crate) type MarkedValue = (u64, u16);
 
 /// The settings of an engine.
@@ -38,7 +39,7 @@ struct NaiveRequest {
     t: u64,
     requested_at: u64,
     due: Option<u64>,
-    /// Until it starts, how long it may run; afterwards, the instant when it is lost.
+    /// Before the start, how long it may run. Afterwards, the instant when it counts as lost.
     lost: Option<u64>,
     spent: u64,
 }
@@ -52,7 +53,6 @@ struct NaiveMessage {
     items: u32,
 }
 
-/// The naive engine.
 pub(crate) struct NaiveEngine {
     settings: EngineSettings,
     reference: Reference,
@@ -68,12 +68,12 @@ pub(crate) struct NaiveEngine {
     pub(crate) counts: BTreeMap<String, u64>,
 }
 
-/// Returns the deadline that this policy chooses: the more calls are under way, the less.
+/// Returns the deadline that the policy chooses, which depends on the number of unanswered calls.
 pub(crate) fn choice(ages: &[Duration], cap: Duration) -> Duration {
     cap / (1 + u32::try_from(ages.len() % 3).unwrap())
 }
 
-/// Describes an item, without what is the same for all of this test's items.
+/// Describes an item, except for the fields that are the same in all of this test's items.
 pub(crate) fn shown(item: &Item<MarkedValue>) -> String {
     let ending = match &item.ending {
         Ending::Preliminary(it) | Ending::Forwarded(it) => {
@@ -221,7 +221,7 @@ impl NaiveEngine {
         self.start(self.reference.now());
     }
 
-    /// Gives a result (F3).
+    /// Applies a result (F3).
     pub(crate) fn result(&mut self, at: u64, t: u64, p: u16) {
         self.begin(at);
         self.ended(at, t, p, "Answered");
@@ -257,7 +257,7 @@ impl NaiveEngine {
         self.start(now);
     }
 
-    /// Gives a failure (F4).
+    /// Applies a failure (F4).
     pub(crate) fn fail(&mut self, at: u64, t: u64, p: u16, why: &str) {
         self.begin(at);
         self.ended(at, t, p, "Failed");
@@ -316,7 +316,7 @@ impl NaiveEngine {
         self.sources.iter().flat_map(of).collect()
     }
 
-    /// Fires timers, and ends what has lingered long enough (F0).
+    /// Fires timers, and ends the calls that have lingered long enough (F0).
     fn begin(&mut self, at: u64) {
         for index in 0..self.sources.len() {
             let linger = self.sources[index].linger;

@@ -13,7 +13,8 @@ pub(crate) fn header(commit: Commit) -> Header {
     Header { operator: Some("tested".into()), window: 4, commit, clouds }
 }
 
-/// Returns the configuration of a header. `calls` bounds the calls at once to each cloud, by default 1.
+/// Returns the configuration for a header. `calls` bounds each cloud's calls at once, which default
+/// to 1.
 pub(crate) fn config(header: &Header, calls: &[usize], local: Local) -> EngineConfig {
     let mut config = EngineConfig { local, ..EngineConfig::from(header) };
     let calls = calls.iter().chain(iter::repeat(&1));
