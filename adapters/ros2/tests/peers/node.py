@@ -1,5 +1,6 @@
 """The node under test as a process: its parameters, its signals, its trace, what it costs."""
 
+import contextlib
 import json
 import os
 import signal
@@ -60,8 +61,12 @@ class Node:
 
     def participants(self):
         """How many participants of DDS it has: each has one such thread."""
-        names = [name.read_text() for name in Path(f"/proc/{self.process.pid}/task").glob("*/comm")]
-        return sum(name.startswith("RustDDS Partici") for name in names)
+        count = 0
+        for name in Path(f"/proc/{self.process.pid}/task").glob("*/comm"):
+            # A thread may end before its name is read.
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+                count += name.read_text().startswith("RustDDS Partici")
+        return count
 
     def urgent_threads(self):
         """The real-time priority and the policy of each thread that has one; SCHED_FIFO is 1."""

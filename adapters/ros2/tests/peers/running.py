@@ -312,7 +312,7 @@ def parameters_are_listed_and_described_by_their_services(bench):
     (of_window,), (of_deadline,) = window.integer_range, deadline.floating_point_range
     assert (window.type, window.read_only, of_window.from_value, of_window.to_value) == (2, True, 1, 1024), window
     assert (deadline.type, deadline.read_only, of_deadline.to_value) == (3, False, 60), deadline
-    assert "cloud may take" in deadline.description and "more than 0" in deadline.additional_constraints
+    assert "deadline of a request" in deadline.description and "more than 0" in deadline.additional_constraints
     assert (commit.type, commit.additional_constraints) == (4, "eager, patient or progressive")
     assert nonsense.type == 0
     assert node.ends() == 0
