@@ -12,7 +12,8 @@ use crate::lineage::Lineage;
 
 /// Joins the messages that have the same key, which is usually the origin's timestamp.
 ///
-/// - inputs: [`arrive`](Self::arrive), [`end`](Self::end), [`tick`](Self::tick)
+/// - inputs: [`arrive`](Self::arrive), [`set_latest`](Self::set_latest), [`end`](Self::end),
+///   [`tick`](Self::tick)
 /// - after each of them: [`next_set`](Self::next_set) until it returns `None`
 /// - queries: [`next_due`](Self::next_due), [`is_over`](Self::is_over)
 ///
@@ -27,12 +28,13 @@ use crate::lineage::Lineage;
 ///     let arrival = JoinArrival { input, key: Some(7), lineage: None, is_last: true };
 ///     aligner.arrive(now, arrival, |set| set[input] = Some(image)).expect("the set is open");
 /// }
-/// let joined = aligner.next_set().expect("both inputs are there");
+/// let joined = aligner.next_set(now).expect("both inputs are there");
 /// assert_eq!((joined.key, joined.set), (7, [Some("left image"), Some("right image")]));
 /// ```
 pub struct Aligner<S> {
     bounds: JoinBounds,
     inputs: Vec<AlignedInput>,
+    latest: Vec<(LatestInput, Option<LatestMessage<S>>)>,
     /// The open sets by key, at most as many as the window allows.
     open: BTreeMap<u64, OpenSet<S>>,
     given: GivenKeys,
@@ -51,6 +53,19 @@ pub struct JoinBounds {
     pub reserve: Duration,
 }
 
+/// An input of which each set gets the latest message, such as a localization. No set waits for it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct LatestInput {
+    /// The input's name.
+    pub name: Arc<str>,
+    /// The greatest age at which a message is used. It counts from the message's capture, or from its arrival
+    /// if the capture is unknown.
+    pub max_age: Duration,
+    /// `true` if sets belong to the messages of this input. Then their lineages have the origin and the
+    /// capture of its message, if one is present, and the due instant of the aligned inputs.
+    pub is_origin: bool,
+}
+
 /// A set of messages that come from one origin.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Joined<S> {
@@ -62,8 +77,9 @@ pub struct Joined<S> {
     pub missing: Vec<Arc<str>>,
     /// The reason why the set was given.
     pub cause: JoinCause,
-    /// The lineage of the first input that is present, with the oldest capture and the earliest end-to-end
-    /// deadline of all. If one capture is unknown, the set's capture is unknown.
+    /// The lineage of the first aligned input that is present, with the oldest capture and the earliest
+    /// end-to-end deadline of all. If one capture is unknown, the set's capture is unknown. See also
+    /// [`LatestInput::is_origin`].
     pub lineage: Option<Arc<Lineage>>,
 }
 
@@ -132,6 +148,12 @@ struct AlignedInput {
     is_open: bool,
 }
 
+struct LatestMessage<S> {
+    lineage: Option<Arc<Lineage>>,
+    arrived: Instant,
+    put: Box<dyn Fn(&mut S) + Send + Sync>,
+}
+
 struct OpenSet<S> {
     set: S,
     opened: Instant,
@@ -157,7 +179,14 @@ impl<S: Default> Aligner<S> {
         let inputs = inputs.into_iter();
         let inputs = inputs.map(|name| AlignedInput { name: name.into(), is_open: true }).collect();
         let (open, given, ready) = (BTreeMap::new(), GivenKeys::default(), VecDeque::new());
-        Self { bounds, inputs, open, given, ready }
+        Self { bounds, inputs, latest: Vec::new(), open, given, ready }
+    }
+
+    /// Adds inputs of which each set gets the latest message.
+    #[must_use]
+    pub fn with_latest(mut self, inputs: impl IntoIterator<Item = LatestInput>) -> Self {
+        self.latest.extend(inputs.into_iter().map(|input| (input, None)));
+        self
     }
 
     /// Adds a message to its set by calling `put`. A revision replaces what its input put there before.
@@ -200,7 +229,21 @@ impl<S: Default> Aligner<S> {
         Ok(())
     }
 
-    /// Ends an input: no set waits for it any longer.
+    /// Replaces the latest message of an input of [`with_latest`](Self::with_latest), by its index there.
+    /// `put` is called with each set that gets the message.
+    pub fn set_latest(
+        &mut self,
+        now: impl Into<Instant>,
+        input: usize,
+        lineage: Option<Arc<Lineage>>,
+        put: impl Fn(&mut S) + Send + Sync + 'static,
+    ) {
+        if let Some((_, message)) = self.latest.get_mut(input) {
+            *message = Some(LatestMessage { lineage, arrived: now.into(), put: Box::new(put) });
+        }
+    }
+
+    /// Ends an aligned input: no set waits for it any longer.
     pub fn end(&mut self, now: Instant, input: usize) {
         if let Some(input) = self.inputs.get_mut(input) {
             input.is_open = false;
@@ -225,9 +268,22 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Returns the next set that is to be given, or `None`.
-    pub fn next_set(&mut self) -> Option<Joined<S>> {
-        self.ready.pop_front()
+    /// Returns the next set that is to be given, or `None`. It has the latest messages that are fresh now.
+    pub fn next_set(&mut self, now: impl Into<Instant>) -> Option<Joined<S>> {
+        let mut joined = self.ready.pop_front()?;
+        let (now, mut origin) = (now.into(), None);
+        for (input, message) in &self.latest {
+            let Some(message) = message.as_ref().filter(|it| input.is_fresh(it, now)) else {
+                joined.missing.push(Arc::clone(&input.name));
+                continue;
+            };
+            (message.put)(&mut joined.set);
+            if input.is_origin {
+                origin = message.lineage.as_deref();
+            }
+        }
+        joined.lineage = Lineage::of_set(joined.lineage, &joined.missing, origin, now);
+        Some(joined)
     }
 
     /// Returns the instant at which the next set is due, or `None` if none waits.
@@ -236,7 +292,7 @@ impl<S: Default> Aligner<S> {
         self.earliest(|open| open.due).map(|(due, _)| due)
     }
 
-    /// Returns `true` if every input has ended and every set was given.
+    /// Returns `true` if every aligned input has ended and every set was given.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.inputs.iter().all(|input| !input.is_open)
@@ -275,6 +331,13 @@ impl<S: Default> Aligner<S> {
         let missing = missing.map(|(_, input)| Arc::clone(&input.name)).collect();
         let lineage = Lineage::joined(&lineages.values().map(Option::as_deref), now);
         self.ready.push_back(Joined { key, set, missing, cause, lineage });
+    }
+}
+
+impl LatestInput {
+    fn is_fresh<S>(&self, message: &LatestMessage<S>, now: Instant) -> bool {
+        let captured = message.lineage.as_ref().and_then(|lineage| lineage.captured);
+        now.saturating_duration_since(captured.unwrap_or(message.arrived)) <= self.max_age
     }
 }
 
@@ -326,17 +389,15 @@ impl Lineage {
     ///
     /// If the set belongs to a message of a latest-value input, it has that message's origin and capture, and
     /// its due instant stays the same.
-    #[must_use]
-    pub fn of_set(
+    fn of_set(
         joined: Option<Arc<Self>>,
         missing: &[Arc<str>],
         latest: Option<&Self>,
-        now: impl Into<Instant>,
+        now: Instant,
     ) -> Option<Arc<Self>> {
         if missing.is_empty() && latest.is_none() {
             return joined;
         }
-        let now = now.into();
         let mut lineage = joined.map(Arc::unwrap_or_clone).unwrap_or_default();
         if let Some(latest) = latest {
             let due = lineage.due(now);

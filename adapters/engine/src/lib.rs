@@ -30,7 +30,9 @@ mod tally;
 mod workload;
 mod writer;
 
-pub use aligner::{Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined};
+pub use aligner::{
+    Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, LatestInput,
+};
 pub use budget::Budget;
 pub use config::{CloudConfig, EngineConfig, EngineConfigError};
 pub use counts::Counting;

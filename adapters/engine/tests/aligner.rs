@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fuseline_engine::{
-    Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Lineage,
+    Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, LatestInput, Lineage,
 };
 use proptest::prelude::*;
 
@@ -24,6 +24,13 @@ struct Cameras {
 impl Cameras {
     fn new() -> Self {
         Self { aligner: Aligner::new(["left", "right"], BOUNDS), start: Instant::now() }
+    }
+
+    /// With a plan of which each set gets the latest.
+    fn with_plan(is_origin: bool) -> Self {
+        let Self { aligner, start } = Self::new();
+        let plan = LatestInput { name: "plan".into(), max_age: 50 * MS, is_origin };
+        Self { aligner: aligner.with_latest([plan]), start }
     }
 
     fn at(&self, ms: u32) -> Instant {
@@ -55,7 +62,12 @@ impl Cameras {
     }
 
     fn given(&mut self) -> Vec<Joined<Vec<String>>> {
-        std::iter::from_fn(|| self.aligner.next_set()).collect()
+        self.given_at(0)
+    }
+
+    fn given_at(&mut self, ms: u32) -> Vec<Joined<Vec<String>>> {
+        let now = self.at(ms);
+        std::iter::from_fn(|| self.aligner.next_set(now)).collect()
     }
 
     /// Returns the key, the cause and the number of missing inputs of each set.
@@ -184,32 +196,53 @@ fn set_is_as_old_as_its_oldest_message() {
     assert_eq!(run.given()[0].lineage.as_ref().unwrap().captured, None);
 }
 
-/// A set names what is missing, and may belong to a latest-value message (E7).
+/// A set names what is missing, and may belong to a latest-value message (E5, E7).
 #[test]
 fn set_names_missing_inputs_and_may_be_latest() {
-    let mut run = Cameras::new();
-    let without = Lineage { missing: vec!["radar".into()], ..Lineage::new("left", 1, run.start) };
-    run.message(6, LEFT, Some(without.within(100 * MS)), true).unwrap();
-    run.tick(60);
-    let Joined { lineage, missing, .. } = run.given().remove(0);
-    let names = |lineage: &Lineage| lineage.missing.join(" ");
-    let of_set = |latest: Option<&Lineage>| {
-        Lineage::of_set(lineage.clone(), &missing, latest, run.at(60)).unwrap()
+    let plan = |captured| Lineage { captured, missing: vec!["map".into()], ..Lineage::default() };
+    // The plan's capture, and those of the set, its due instant and what it lacks.
+    let set_with = |lineage: Option<Lineage>| {
+        let mut run = Cameras::with_plan(true);
+        if let Some(lineage) = lineage {
+            let lineage = Some(Arc::new(lineage));
+            run.aligner.set_latest(run.at(30), 0, lineage, |set| set.push("plan".into()));
+        }
+        let missing = vec!["radar".into()];
+        let left = Lineage { missing, ..Lineage::new("left", 1, run.start) }.within(100 * MS);
+        run.message(6, LEFT, Some(left), true).unwrap();
+        run.tick(60);
+        let Joined { lineage, missing, set, .. } = run.given_at(60).remove(0);
+        let lineage = lineage.unwrap();
+        let since = |at: Instant| at.duration_since(run.start).as_millis();
+        let (captured, due) = (lineage.captured.map(since), lineage.due(run.at(60)).map(since));
+        (set.len(), missing.join(" "), captured, due, lineage.missing.join(" "))
     };
-    assert_eq!(names(&of_set(None)), "radar right");
-    assert_eq!(of_set(None).captured, Some(run.start));
-    let plan = Lineage { missing: vec!["map".into()], ..Lineage::new("front", 9, run.at(20)) };
-    let of_plan = of_set(Some(&plan));
-    assert_eq!(of_plan.origin, plan.origin);
-    assert_eq!(of_plan.captured, Some(run.at(20)));
-    assert_eq!(of_plan.due(run.at(60)), Some(run.at(100)));
-    assert_eq!(names(&of_plan), "radar map right");
+    let start = Cameras::new().start;
+    let (of_set, of_plan) = ("radar right".to_owned(), "radar map right".to_owned());
+    assert_eq!(set_with(None), (1, "right plan".into(), Some(0), Some(100), of_set + " plan"));
+    let (count, missing, _, due, lacks) = set_with(Some(plan(Some(start + 20 * MS))));
+    assert_eq!((count, &*missing, due, &lacks), (2, "right", Some(100), &of_plan));
     // Without a capture the end-to-end deadline counts from now.
-    let of_plan = of_set(Some(&Lineage { captured: None, ..plan }));
-    assert_eq!((of_plan.captured, of_plan.within), (None, Some(40 * MS)));
-    assert_eq!(Lineage::of_set(None, &[], None, run.start), None);
-    let alone = Lineage::of_set(None, &missing, None, run.start).unwrap();
-    assert_eq!((names(&alone), &alone.origin), ("right".into(), &None));
+    assert_eq!(set_with(Some(plan(None))), (2, "right".into(), None, Some(100), of_plan));
+}
+
+/// A latest message is used up to its greatest age, which counts from its capture or arrival (E5, E7).
+#[test]
+fn latest_message_is_used_up_to_its_age() {
+    for captured in [true, false] {
+        for (at_ms, count) in [(30, 2), (80, 2), (81, 1)] {
+            let mut run = Cameras::with_plan(false);
+            let lineage = captured.then(|| Arc::new(Lineage::new("plan", 1, run.at(30))));
+            let arrived = run.at(if captured { 33 } else { 30 });
+            run.aligner.set_latest(arrived, 0, lineage, |set| set.push("plan".into()));
+            run.frame(20, LEFT, 7).unwrap();
+            run.aligner.end(run.at(20), RIGHT);
+            let set = run.given_at(at_ms).remove(0);
+            assert_eq!((set.set.len(), set.missing.len()), (count, 3 - count), "{at_ms} ms");
+            // The set belongs to its camera.
+            assert_eq!(set.lineage.unwrap().captured, Some(run.at(20)));
+        }
+    }
 }
 
 proptest! {
@@ -232,7 +265,7 @@ proptest! {
                 opened.entry(key).or_insert(now);
             }
             prop_assert!(aligner.next_due().is_none_or(|due| due > now));
-            while let Some(set) = aligner.next_set() {
+            while let Some(set) = aligner.next_set(now) {
                 prop_assert!(given.insert(set.key), "{} was given twice", set.key);
                 prop_assert_eq!(set.missing.len() + set.set.len(), 3);
                 let opened = opened.remove(&set.key).unwrap();

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fuseline_engine::{
-    Aligner, Gate, JoinArrival, JoinBounds, JoinDropReason, Joined, Latency, Lineage, Ordered,
-    Origin, Reorderer, Reserve,
+    Aligner, Gate, JoinArrival, JoinBounds, JoinDropReason, Joined, Latency, LatestInput, Lineage,
+    Ordered, Origin, Reorderer, Reserve,
 };
 use fuseline_traces::nanos;
 use pyo3::prelude::*;
@@ -37,7 +37,9 @@ struct ClockOrigin {
 #[pyclass(name = "Aligner", module = "fuseline._fuseline")]
 pub(crate) struct PyAligner {
     inner: Aligner<BTreeMap<usize, Py<PyAny>>>,
+    /// The names of the aligned inputs, and then those of the latest-value inputs.
     names: Vec<String>,
+    aligned: usize,
     clock: ClockOrigin,
 }
 
@@ -68,12 +70,27 @@ pub(crate) struct PyLatency(Latency);
 
 #[pymethods]
 impl PyAligner {
+    /// Creates a join of aligned inputs and of latest-value inputs.
+    ///
+    /// A latest-value input is its name, its greatest age, and whether sets belong to its messages.
     #[new]
-    fn new(names: Vec<String>, wait: Nanos, window: usize, now: u64) -> Self {
+    #[pyo3(signature = (names, wait, window, now, latest=Vec::new()))]
+    fn new(
+        mut names: Vec<String>,
+        wait: Nanos,
+        window: usize,
+        now: u64,
+        latest: Vec<(String, Nanos, bool)>,
+    ) -> Self {
         let wait = Duration::from_nanos(wait.0);
         let bounds = JoinBounds { wait, window, reserve: Duration::ZERO };
-        let inner = Aligner::new(names.iter().map(String::as_str), bounds);
-        Self { inner, names, clock: ClockOrigin::new(now) }
+        let (aligned, inner) =
+            (names.len(), Aligner::new(names.iter().map(String::as_str), bounds));
+        names.extend(latest.iter().map(|(name, ..)| name.clone()));
+        let inner = inner.with_latest(latest.into_iter().map(|(name, max_age, is_origin)| {
+            LatestInput { name: name.into(), max_age: Duration::from_nanos(max_age.0), is_origin }
+        }));
+        Self { inner, names, aligned, clock: ClockOrigin::new(now) }
     }
 
     /// Takes a message, or with no value the news that nothing follows.
@@ -99,7 +116,23 @@ impl PyAligner {
         arrived.err().map(JoinDropReason::as_str)
     }
 
-    /// Ends this input.
+    /// Replaces the latest message of a latest-value input.
+    fn set_latest(
+        &mut self,
+        at: u64,
+        index: usize,
+        lineage: Option<CapturedLineage>,
+        value: Py<PyAny>,
+    ) {
+        let now = self.clock.instant(at);
+        let lineage = lineage.map(|lineage| Arc::new(self.clock.lineage(lineage)));
+        let place = self.aligned.saturating_add(index);
+        self.inner.set_latest(now, index, lineage, move |set| {
+            set.insert(place, Python::attach(|py| value.clone_ref(py)));
+        });
+    }
+
+    /// Ends this aligned input.
     fn end(&mut self, at: u64, index: usize) {
         self.inner.end(self.clock.instant(at), index);
     }
@@ -117,26 +150,10 @@ impl PyAligner {
         self.inner.tick(self.clock.instant(at));
     }
 
-    /// Returns the lineage of a set that was given at `at` and lacks these inputs.
-    ///
-    /// `latest` is the lineage of a latest-value input.
-    fn lineage_of_set(
-        &self,
-        at: u64,
-        lineage: Option<CapturedLineage>,
-        missing: Vec<String>,
-        latest: Option<CapturedLineage>,
-    ) -> Option<CapturedLineage> {
-        let [lineage, latest] = [lineage, latest].map(|it| it.map(|it| self.clock.lineage(it)));
-        let missing: Vec<Arc<str>> = missing.into_iter().map(Into::into).collect();
+    /// Returns the next set that is to be given, with the latest messages that are fresh at `at`.
+    fn next_set<'py>(&mut self, py: Python<'py>, at: u64) -> PyResult<Option<JoinedSet<'py>>> {
         let now = self.clock.instant(at);
-        let lineage = Lineage::of_set(lineage.map(Arc::new), &missing, latest.as_ref(), now);
-        lineage.map(|lineage| self.clock.fields(&lineage))
-    }
-
-    /// Returns the next set that is to be given.
-    fn next_set<'py>(&mut self, py: Python<'py>) -> PyResult<Option<JoinedSet<'py>>> {
-        let Some(joined) = self.inner.next_set() else { return Ok(None) };
+        let Some(joined) = self.inner.next_set(now) else { return Ok(None) };
         let Joined { key, set, missing, cause, lineage } = joined;
         let by_name = PyDict::new(py);
         for (input, value) in set {

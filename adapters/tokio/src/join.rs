@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use fuseline_engine::{
     Aligner, Ending, Item, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency,
-    Lineage, Reserve, lock,
+    LatestInput, Lineage, Reserve, lock,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
@@ -52,7 +52,7 @@ use crate::stream::{Reader, StreamMessage, stream};
 pub struct Join<S> {
     config: JoinConfig,
     aligned: Vec<AlignedSource<S>>,
-    latest: Vec<LatestSource<S>>,
+    latest: Vec<(LatestInput, LatestSource<S>)>,
     origin: Option<Arc<str>>,
     on_drop: Option<DropHandler>,
 }
@@ -123,20 +123,13 @@ struct AlignedMessage<S> {
 }
 
 struct LatestSource<S> {
-    name: Arc<str>,
     poll: PollLatest<S>,
-    max_age: Duration,
     is_open: bool,
-    /// `true` if sets belong to its messages.
-    is_origin: bool,
-    value: Option<LatestValue<S>>,
 }
 
 struct LatestValue<S> {
-    captured: Option<std::time::Instant>,
     lineage: Option<Arc<Lineage>>,
-    arrived: Instant,
-    put: Box<dyn Fn(&mut S) + Send>,
+    put: Box<dyn Fn(&mut S) + Send + Sync>,
 }
 
 struct JoinTask<S> {
@@ -287,17 +280,18 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
             return Err(SpawnError::NoOutput);
         }
         if let Some(origin) = self.origin {
-            let source = self.latest.iter_mut().find(|source| source.name == origin);
-            source.ok_or(SpawnError::NoInput { name: origin.to_string() })?.is_origin = true;
+            let input = self.latest.iter_mut().map(|(input, _)| input).find(|it| it.name == origin);
+            input.ok_or(SpawnError::NoInput { name: origin.to_string() })?.is_origin = true;
         }
         let bounds = JoinBounds { wait, window, reserve: Duration::ZERO };
         let names = self.aligned.iter().map(|input| Arc::clone(&input.name));
+        let (latest_inputs, latest): (Vec<_>, Vec<_>) = self.latest.into_iter().unzip();
         let (writer, sets) = stream(output_len);
         let tally = Arc::<Mutex<JoinTally>>::default();
         let task = JoinTask {
-            aligner: Aligner::new(names, bounds),
+            aligner: Aligner::new(names, bounds).with_latest(latest_inputs),
             aligned: self.aligned,
-            latest: self.latest,
+            latest,
             on_drop: self.on_drop,
             reserve,
             output: Outbox::new(writer, |joined: &Joined<S>| joined.lineage.clone()),
@@ -331,15 +325,14 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
             return polled.map(|message| {
                 let StreamMessage { message, lineage, .. } = message?;
                 let (put, of) = (Arc::clone(&put), lineage.clone());
-                let put = move |set: &mut S| put(set, Arc::clone(&message), of.as_deref());
-                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
-                let (arrived, put) = (Instant::now(), Box::new(put));
-                Some(LatestValue { captured, lineage, arrived, put })
+                let put = move |set: &mut S| {
+                    guarded(|| put(set, Arc::clone(&message), of.as_deref()));
+                };
+                Some(LatestValue { lineage, put: Box::new(put) })
             });
         };
-        let poll = Box::new(poll);
-        let (is_open, is_origin) = (true, false);
-        self.latest.push(LatestSource { name, poll, max_age, is_open, is_origin, value: None });
+        let source = LatestSource { poll: Box::new(poll), is_open: true };
+        self.latest.push((LatestInput { name, max_age, is_origin: false }, source));
         self
     }
 }
@@ -381,12 +374,16 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
         if is_over || was_waiting {
             return Poll::Ready(());
         }
-        for latest in &mut self.latest {
+        for (index, latest) in self.latest.iter_mut().enumerate() {
             while latest.is_open
                 && let Poll::Ready(value) = (latest.poll)(context)
             {
-                latest.is_open = value.is_some();
-                latest.value = value.or(latest.value.take());
+                match value {
+                    Some(LatestValue { lineage, put }) => {
+                        self.aligner.set_latest(now(), index, lineage, put);
+                    }
+                    None => latest.is_open = false,
+                }
             }
         }
         for _ in 0..self.aligned.len() {
@@ -428,25 +425,9 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
         }
     }
 
-    /// Sends the sets that are given, each with the latest messages of the other inputs.
+    /// Sends the sets that are given.
     fn give(&mut self) {
-        while let Some(mut joined) = self.aligner.next_set() {
-            let (now, mut of) = (Instant::now(), None);
-            for latest in &self.latest {
-                let is_fresh = |value: &&LatestValue<S>| {
-                    let since = value.captured.map_or(value.arrived, Instant::from_std);
-                    now.saturating_duration_since(since) <= latest.max_age
-                };
-                let value = latest.value.as_ref().filter(is_fresh);
-                match value {
-                    Some(value) => guarded(|| (value.put)(&mut joined.set)),
-                    None => joined.missing.push(Arc::clone(&latest.name)),
-                }
-                if latest.is_origin {
-                    of = value.and_then(|value| value.lineage.as_deref());
-                }
-            }
-            joined.lineage = Lineage::of_set(joined.lineage, &joined.missing, of, now);
+        while let Some(joined) = self.aligner.next_set(Instant::now()) {
             self.count(|tally| {
                 *tally.given.entry(joined.cause).or_default() += 1;
                 for missing in &joined.missing {

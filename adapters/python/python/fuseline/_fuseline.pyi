@@ -283,7 +283,14 @@ class Calls:
 
 @final
 class Aligner:
-    def __new__(cls, names: Sequence[str], wait: _Duration, window: int, now: int) -> Aligner: ...
+    def __new__(
+        cls,
+        names: Sequence[str],
+        wait: _Duration,
+        window: int,
+        now: int,
+        latest: Sequence[tuple[str, _Duration, bool]] = ...,
+    ) -> Aligner: ...
     def arrive(
         self,
         at: int,
@@ -293,18 +300,12 @@ class Aligner:
         value: tuple[Any] | None,
         is_last: bool,
     ) -> str | None: ...
+    def set_latest(self, at: int, index: int, lineage: _Captured | None, value: Any) -> None: ...
     def end(self, at: int, index: int) -> None: ...
     def set_reserve(self, latencies: Sequence[Latency]) -> None: ...
     def tick(self, at: int) -> None: ...
-    def lineage_of_set(
-        self,
-        at: int,
-        lineage: _Captured | None,
-        missing: Sequence[str],
-        latest: _Captured | None,
-    ) -> _Captured | None: ...
     def next_set(
-        self,
+        self, at: int
     ) -> tuple[int, dict[str, Any], list[str], str, _Captured | None] | None: ...
     @property
     def next_due(self) -> int | None: ...

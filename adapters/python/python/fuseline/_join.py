@@ -33,6 +33,7 @@ from fuseline._wiring import (
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
+    from fuseline._validation import ns
 
 T = TypeVar("T")
 
@@ -106,14 +107,14 @@ class JoinInput(Generic[T]):
         join: Join,
         name: str,
         key: Callable[[T, Lineage | None], int | None] | None,
-        max_age: int | None,
+        max_age: ns | None,
     ) -> None:
         self.name = name
         self.is_open = True
+        #: Of a latest-value input alone: the greatest age.
         self._join, self._key, self._max_age = join, key, max_age
-        #: The latest message with its lineage and when it came, and its place among the aligned.
-        self._latest: tuple[T, Lineage | None, int] | None = None
-        self._index: int | None = None
+        #: Its place among the inputs of its kind.
+        self._index = 0
 
     def write(self, message: T, lineage: Lineage | None = None) -> None:
         """Writes a message. In another thread it waits until the loop takes it.
@@ -133,15 +134,6 @@ class JoinInput(Generic[T]):
     def close(self) -> None:
         """Ends this input: no set waits for it any longer."""
         self._join._in_loop(lambda: self._join._ended(self))
-
-    def _fresh(self, now: int) -> tuple[T, Lineage | None] | None:
-        """Returns the latest message, unless it is too old since its capture or its arrival."""
-        if self._latest is None or self._max_age is None:
-            return None
-        message, lineage, since = self._latest
-        if lineage is not None and lineage.captured is not None:
-            since = lineage.captured
-        return (message, lineage) if now - since <= self._max_age else None
 
 
 class Join:
@@ -280,11 +272,15 @@ class Join:
     async def __aenter__(self) -> Join:
         if self._aligner is not None:
             raise ConfigError("this join was started before; make another")
-        aligned = [it for it in self._inputs if it._max_age is None]
-        for index, it in enumerate(aligned):
-            it._index = index
-        names = [it.name for it in aligned]
-        self._aligner = Aligner(names, self._wait, self._window, self._clock())
+        names: list[str] = []
+        latest: list[tuple[str, ns, bool]] = []
+        for it in self._inputs:
+            it._index = len(names if it._max_age is None else latest)
+            if it._max_age is None:
+                names.append(it.name)
+            else:
+                latest.append((it.name, it._max_age, it.name == self._origin))
+        self._aligner = Aligner(names, self._wait, self._window, self._clock(), latest)
         self._loop = loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         for it, items in self._sources:
@@ -383,8 +379,8 @@ class Join:
         aligner, now = self._running, self._clock()
         if not joined.is_open:
             raise Closed(f"the input {joined.name} takes no more messages")
-        if joined._index is None:
-            joined._latest = message, lineage, now
+        if joined._max_age is not None:
+            aligner.set_latest(now, joined._index, fields_of(lineage), message)
             return
         if len(self._sets) >= self._output_len:
             raise Full(f"{len(self._sets)} sets wait to be read; read them first")
@@ -403,7 +399,7 @@ class Join:
         if not joined.is_open:
             return
         joined.is_open = False
-        if joined._index is not None and self._aligner is not None:
+        if joined._max_age is None and self._aligner is not None:
             self._aligner.end(self._clock(), joined._index)
             self._give()
 
@@ -427,21 +423,10 @@ class Join:
             _log.exception("%s: the handler of drops failed", self.name)
 
     def _give(self) -> None:
-        """Hands on the sets that are given, each with the latest of the other inputs."""
+        """Hands on the sets that are given."""
         aligner = self._running
-        while (given := aligner.next_set()) is not None:
+        while (given := aligner.next_set(self._clock())) is not None:
             key, messages, missing, cause, fields = given
-            now, of = self._clock(), None
-            for it in self._inputs:
-                if it._max_age is None:
-                    continue
-                if (latest := it._fresh(now)) is None:
-                    missing.append(it.name)
-                    continue
-                messages[it.name], lineage = latest
-                if it.name == self._origin:
-                    of = fields_of(lineage)
-            fields = aligner.lineage_of_set(now, fields, missing, of)
             self.counts[self.name, "set", cause] += 1
             for name in missing:
                 self.counts[name, "message", "missing"] += 1
@@ -466,11 +451,11 @@ class Join:
     async def _read_items(self, joined: JoinInput[Any], items: AsyncIterator[Item[Any]]) -> None:
         try:
             async for item in items:
-                while joined._index is not None and len(self._sets) >= self._output_len:
+                while joined._max_age is None and len(self._sets) >= self._output_len:
                     await self._room.wait()
                 # A final item's value is there already.
                 has_value = item.ending is not Ending.FINAL
-                if joined._index is not None or has_value:
+                if joined._max_age is None or has_value:
                     lineage, is_last = item.lineage, item.last
                     self._arrived(joined, item, lineage, is_last=is_last, has_value=has_value)
         except asyncio.CancelledError:

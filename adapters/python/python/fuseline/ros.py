@@ -136,7 +136,7 @@ class TimeSynchronizer:
 
     def _take(self) -> list[Joined]:
         given = []
-        while (joined := self._aligner.next_set()) is not None:
+        while (joined := self._aligner.next_set(self._clock())) is not None:
             key, messages, missing, cause, _ = joined
             self.counts["set", cause] += 1
             for name in missing:
