@@ -31,7 +31,6 @@ from fuseline import (
 )
 from fuseline import report as report_page
 from fuseline.fleet import judge
-from fuseline.forecast import Forecast
 from fuseline.grpc import Identity, Remote, Server, Token
 from fuseline.networks import Drive, RecordedNetwork, Responses, compare, compare_responses
 from fuseline.robot import Always, Chunk, Hold, fade
@@ -227,15 +226,6 @@ CASES_AROUND: dict[str, Arguments] = {
         of=Chunk,
     ),
     "fade": Arguments(fade, {"ticks": 1}, {"ticks": count("a fade's ticks")}, free="max_jump"),
-    "Forecast": Arguments(
-        Forecast,
-        {},
-        {
-            name: [(it, ValueError, "shares, above 0 and at most 1") for it in (0.0, 1.01, -0.1)]
-            for name in ("least_overlap", "weight")
-        },
-        {"least_overlap": [1.0, 1e-9], "weight": [1.0, 1e-9]},
-    ),
     "Token": Arguments(
         Token,
         {"token": "secret"},

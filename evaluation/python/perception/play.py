@@ -10,10 +10,10 @@ from functools import cached_property
 
 from fuseline import Call, Local, Operator, testing
 from fuseline.deadline import Accuracy, BoxDetector, Expected, Policy, Streaming
-from fuseline.forecast import Forecast
 
 from detections import SOURCES, KeptDetections
 from emulation import delay, typical_delay
+from forecast import Forecast
 from metrics import match, mean_overlap, precision
 
 #: The deadline of a result, in seconds.

@@ -17,10 +17,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from fuseline.forecast import Forecast
 
 from detections import KEPT, SOURCES, KeptDetections, load
 from emulation import STARTS
+from forecast import Forecast
 from metrics import BoxMatches, match, precision
 from play import DEADLINE, KeptDrive, MeasuredPolicies, Playthrough
 

@@ -452,7 +452,7 @@ class Streaming(Expected):
         self.moved(speeds)
 
     def moved(self, speeds: Iterable[float]) -> None:
-        """Notes how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
+        """Notes how fast the boxes of an output moved, as a tracker measures it.
 
         A speed is in sizes of the box per second: ``|vx| / width + |vy| / height``. A number that
         is not a speed is ignored.
