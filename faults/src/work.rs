@@ -18,12 +18,14 @@ use crate::error::FaultsError;
 use crate::kind::{BuildSuite, Program, WitnessKind};
 use crate::printed::{Outcomes, failures};
 use crate::schemata::{REACHED, VARIABLE};
-use crate::tree::Tree;
+use crate::tree::{Tree, write};
 
 /// The exit code of a program that a signal ended.
 const KILLED: i32 = -1;
 /// The time between two looks at a running program.
 const GLANCE: Duration = Duration::from_millis(10);
+/// The number of scenarios in which the operators of Python and of tokio are compared.
+const SCENARIOS: &str = "100";
 /// A faulty machine may allocate without end. No sound witness needs 4 GiB.
 const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 
@@ -33,7 +35,7 @@ pub(crate) struct FaultyCopy<'a> {
     pub(crate) tree: &'a Tree,
     pub(crate) copy: Tree,
     pub(crate) target: PathBuf,
-    /// The interpreter with the wheel, as `.ci/python` installs it.
+    /// The interpreter with the packages of the wheel's tests, as `.ci/python` installs them.
     pub(crate) python: PathBuf,
     /// The interpreter with the packages of the peers, as `.ci/ros2` installs them.
     pub(crate) peers: PathBuf,
@@ -167,26 +169,44 @@ impl FaultyCopy<'_> {
     fn build_wheel(&self) -> Result<Built, FaultsError> {
         let folder = self.copy.path("adapters/python");
         if !self.python.exists() {
-            let why = "the wheel's interpreter is not there: .ci/python makes it";
+            let why = "the wheel's interpreter is not there: .ci/python packages makes it";
             return Err(FaultsError::content(&self.python, why));
         }
         let target = self.target.join("wheel");
         let log = self.log("wheel", "build");
-        let ended = Self::cargo(&folder)
+        let mut wheel = Self::cargo(&folder);
+        wheel
             .args(["build", "--locked", "--quiet", "--profile", "landing", "--target-dir"])
             .arg(&target)
             .env("PYO3_BUILD_EXTENSION_MODULE", "1")
-            .env("PYO3_PYTHON", &self.python)
-            .stderr(create(&log)?)
-            .status()
-            .map_err(FaultsError::file(&folder))?;
-        if !ended.success() {
-            let said = fs::read_to_string(&log).map_err(FaultsError::file(&log))?;
-            return Ok(Built::Refused(Vec::new(), said));
+            .env("PYO3_PYTHON", &self.python);
+        // The operator of tokio, with which that of Python is compared.
+        let mut scenarios = Self::cargo(self.copy.root());
+        scenarios
+            .args([
+                "build",
+                "--locked",
+                "--quiet",
+                "-p",
+                "fuseline-tokio",
+                "--example",
+                "scenarios",
+            ])
+            .env("CARGO_TARGET_DIR", self.target.join("plain"));
+        for mut build in [wheel, scenarios] {
+            let ended = build.stderr(create(&log)?).status().map_err(FaultsError::file(&folder))?;
+            if !ended.success() {
+                let said = fs::read_to_string(&log).map_err(FaultsError::file(&log))?;
+                return Ok(Built::Refused(Vec::new(), said));
+            }
         }
         let library = target.join("landing/lib_fuseline.so");
         let there = folder.join("python/fuseline/_fuseline.abi3.so");
         fs::copy(&library, there).map_err(FaultsError::file(&library))?;
+        // The package asks for its version, and this interpreter need not have an installed one.
+        let metadata = folder.join("python/fuseline.dist-info/METADATA");
+        let version = concat!("Name: fuseline\nVersion: ", env!("CARGO_PKG_VERSION"), "\n");
+        write(&metadata, version)?;
         let program = ("fuseline-python".to_owned(), "pytest".to_owned());
         Ok(Built::Programs([(program, (self.python.clone(), folder))].into()))
     }
@@ -245,7 +265,7 @@ impl FaultyCopy<'_> {
             let mut command = if kind.is_among_peers() {
                 self.among_peers(programs, place, trial)?
             } else {
-                Self::command(kind, program, place, trial)
+                self.command(kind, program, place, trial)
             };
             let reached = log.with_extension("reached");
             if number == 0 {
@@ -305,7 +325,7 @@ impl FaultyCopy<'_> {
         trial: Trial,
     ) -> Result<Command, FaultsError> {
         if !self.peers.exists() {
-            let why = "the interpreter of the peers is not there: .ci/ros2 makes it";
+            let why = "the interpreter of the peers is not there: .ci/ros2 --packages makes it";
             return Err(FaultsError::content(&self.peers, why));
         }
         let judge = &programs[&("fuseline".to_owned(), "fuseline".to_owned())].0;
@@ -325,6 +345,7 @@ impl FaultyCopy<'_> {
     }
 
     fn command(
+        &self,
         kind: &WitnessKind,
         program: &Program,
         (path, folder): &(PathBuf, PathBuf),
@@ -346,7 +367,9 @@ impl FaultyCopy<'_> {
                 .args(["-p", "no:cacheprovider"])
                 .envs([("PYTHONHASHSEED", "0"), ("PYTHONUNBUFFERED", "1")])
                 .env("PYTHONDONTWRITEBYTECODE", "1")
-                .env("PYTHONPATH", folder.join("python"));
+                .env("PYTHONPATH", folder.join("python"))
+                .env("FUSELINE_SCENARIOS", self.target.join("plain/debug/examples/scenarios"))
+                .env("SCENARIOS", SCENARIOS);
         }
         if let Some(case) = trial.case {
             let is_python = kind.suite.packages.is_empty();

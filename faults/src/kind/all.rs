@@ -304,6 +304,7 @@ pub const KINDS: &[WitnessKind] = &[
                 "tests/test_pipeline.py",
                 "tests/test_recovery.py",
                 "tests/test_robot.py",
+                "tests/test_same.py",
                 "tests/test_states.py",
                 "tests/test_tasks.py",
                 "tests/test_threads.py",
