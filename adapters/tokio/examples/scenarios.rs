@@ -1,7 +1,7 @@
-//! Plays scenarios on a clock that stands still, and prints what became of them: `scenarios FOLDER < scenarios`.
+//! Plays scenarios on a paused clock and prints the outcomes: `scenarios FOLDER < scenarios`.
 //!
-//! The tests of the Python operator draw the scenarios, play them too, and compare: `adapters/python/tests/test_same.py`. The
-//! traces are written to the folder, as `NUMBER.jsonl`.
+//! The Python operator's tests (`adapters/python/tests/test_same.py`) draw the scenarios, play them
+//! too, and compare the outcomes. The traces are written to the folder as `NUMBER.jsonl`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -20,7 +20,8 @@ use fuseline_tokio::{
 use tokio::runtime::Builder;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// An action of a source on a message, after this many milliseconds. A reply may say of which message it is.
+/// An action of a source on a message, after this many milliseconds. An answer may state the
+/// message that it is of.
 #[derive(Clone, Copy)]
 enum PlayedAction {
     Answers(u64, Option<u64>),
@@ -38,7 +39,7 @@ struct PlayedCloud {
     max_age: u64,
 }
 
-/// The bounds of side requests; `number` stands where a cloud has its priority.
+/// The bounds of side requests. A side request has a `number` in place of a priority.
 struct PlayedSide {
     number: u16,
     calls: usize,
@@ -46,8 +47,9 @@ struct PlayedSide {
     resume: u64,
 }
 
-/// One message of a scenario: its instant, its lineage, and local's action. `asked` has the deadline and the action of
-/// each cloud and side request; one without a deadline is not asked.
+/// One message of a scenario: its instant, its lineage, and local's action. `asked` has the
+/// deadline and the action for each cloud and side request. Those without a deadline get no
+/// request.
 #[derive(Clone)]
 struct PlayedMessage {
     at: u64,
@@ -56,7 +58,8 @@ struct PlayedMessage {
     asked: BTreeMap<u16, (Option<Duration>, PlayedAction)>,
 }
 
-/// A message's number at its sensor, how old it is when it comes, its end-to-end deadline, and an input that is missing.
+/// A message's number at its sensor, its age when it comes, its end-to-end deadline, and the name
+/// of a missing input.
 #[derive(Clone)]
 struct PlayedLineage {
     seq: u64,
@@ -65,7 +68,8 @@ struct PlayedLineage {
     missing: Option<String>,
 }
 
-/// A line `scenario COMMIT WINDOW AT_ONCE DEADLINE WAITING SKIPS RESERVE SUBSTITUTES`, and those after it.
+/// A line `scenario COMMIT WINDOW AT_ONCE DEADLINE WAITING SKIPS RESERVE SUBSTITUTES`, and the
+/// lines that follow it.
 struct PlayedScenario {
     commit: Commit,
     window: u16,
@@ -161,7 +165,7 @@ impl Operator for PlayedScenario {
             (side.calls, side.limit, side.resume) = (calls, limit, resume);
         }
         if self.substitutes {
-            // Every third message has none.
+            // Every third message has no substitute.
             setup.use_substitute(|item| {
                 (!item.timestamp.is_multiple_of(3)).then(|| "stop".to_owned())
             });
@@ -224,7 +228,7 @@ impl PlayedScenario {
 }
 
 impl PlayedCloud {
-    /// `PRIORITY CALLS LIMIT LINGER POLICY MAX_AGE`
+    /// Reads `PRIORITY CALLS LIMIT LINGER POLICY MAX_AGE`.
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         Ok(Self {
             priority: number(words.next())?,
@@ -238,7 +242,7 @@ impl PlayedCloud {
 }
 
 impl PlayedSide {
-    /// `NUMBER CALLS LIMIT RESUME`
+    /// Reads `NUMBER CALLS LIMIT RESUME`.
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         Ok(Self {
             number: number(words.next())?,
@@ -250,7 +254,8 @@ impl PlayedSide {
 }
 
 impl PlayedMessage {
-    /// `AT SEQ AGE WITHIN MISSING ACTION MS OF`, and for each cloud and side request `PRIORITY DEADLINE ACTION MS OF`
+    /// Reads `AT SEQ AGE WITHIN MISSING ACTION MS OF`, and for each cloud and side request
+    /// `PRIORITY DEADLINE ACTION MS OF`.
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let at = number(words.next())?;
         let (seq, age, within) =
@@ -291,7 +296,7 @@ where
     Ok(word.ok_or("a number is missing")?.parse()?)
 }
 
-/// `-` is none.
+/// Reads a value, or `None` from `-`.
 fn optional<N: FromStr>(word: Option<&str>) -> Result<Option<N>, PlayError>
 where
     N::Err: Error + 'static,
@@ -303,7 +308,7 @@ fn millis(word: Option<&str>) -> Result<Option<Duration>, PlayError> {
     Ok(optional(word)?.map(Duration::from_millis))
 }
 
-/// An item in one line, as the Python side has it.
+/// Writes an item as one line, in the same form as the Python test.
 fn item_line(item: &Item<String>) -> String {
     let (ending, sent, source, arrived, trigger) = match &item.ending {
         Ending::Preliminary(sent) | Ending::Forwarded(sent) => (
@@ -342,7 +347,7 @@ fn or_dash<N: ToString>(number: Option<N>) -> String {
 
 type PlayedCountKey = (String, &'static str, String);
 
-/// The tally by the names that Python has for its counts; what is 0 is left out.
+/// Returns the counts under the names that they have in Python, without those that are 0.
 async fn counts(running: Running) -> Result<BTreeMap<PlayedCountKey, u64>, PlayError> {
     let mut counts = BTreeMap::new();
     let sides = running.sides();

@@ -1,5 +1,5 @@
-//! An operator whose deadlines follow the vehicle's speed, and which sends requests to a planner beside its outputs. Run it with
-//! `cargo run -p fuseline-tokio --example vehicle`.
+//! An operator whose deadlines follow the vehicle's speed, and which also sends side requests to a
+//! planner. Run it with `cargo run -p fuseline-tokio --example vehicle`.
 
 use std::time::Duration;
 
@@ -32,7 +32,8 @@ impl Operator for Vehicle {
     }
 }
 
-/// A cloud that gets as long as is safe at this speed and worth it, and 2 s at most.
+/// Registers a cloud. Its deadline is as long as is safe at the current speed and worth the wait,
+/// but at most 2 s.
 fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     let guard = Guard::new(Parameters::default())?;
     let expected =
@@ -45,7 +46,7 @@ fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     Ok(())
 }
 
-/// A planner whose answers help local with later messages, and are no outputs.
+/// Registers a planner. Its answers are not outputs, but they help local with later messages.
 fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
     let plan = SharedState::new(Plan::default());
     let newest = plan.clone();
@@ -63,7 +64,8 @@ async fn ask_planner(_: Frame, _: Call) -> Result<Plan, Error> {
     Ok(Plan { lane: 1 })
 }
 
-/// A script without a runtime makes one for the operator, and reads on it.
+/// Creates a runtime for the operator and reads the output on it, as a program without a runtime
+/// must.
 fn main() -> Result<(), Error> {
     let runtime = Builder::new_multi_thread().enable_all().build()?;
     let (mut camera, frames) = stream(8);

@@ -57,8 +57,8 @@ impl<S: Clone> CarriedState<S> {
 
     fn replace(&self, timestamp: u64, state: S, is_sent: bool) {
         self.0.with(|current| {
-            // The latest message's state counts, and for one message the state of the result that
-            // was sent (E10).
+            // The state of the latest message is kept. For the same message, the state of the sent
+            // result wins (E10).
             if (current.of, current.is_sent) <= (Some(timestamp), is_sent) {
                 *current = StateOf { state, of: Some(timestamp), is_sent };
             }
@@ -82,7 +82,7 @@ impl<S> fmt::Debug for CarriedState<S> {
 mod tests {
     use super::*;
 
-    /// E10.
+    /// The state is the latest message's, and for one message the sent result's (E10).
     #[test]
     fn the_state_is_that_of_the_latest_message_and_of_the_result_that_was_sent() {
         let state = CarriedState::new("at first");

@@ -52,7 +52,7 @@ struct EncodeOnceState<Raw, Req> {
 type Encode<Raw, Req> = Arc<dyn Fn(Raw) -> Result<Req, Error> + Send + Sync>;
 type SharedEncoding<Req> = Shared<BoxFuture<'static, Result<Req, SharedError>>>;
 
-/// The encoding of the latest message, while a request has it.
+/// The encoding of the latest message, for as long as a request holds it.
 struct LatestEncoding<Req> {
     /// The timestamp, and the address of the message: another operator's message of the same
     /// timestamp has another address.
@@ -181,7 +181,7 @@ async fn on_thread<Req: Send + 'static>(
     }
 }
 
-/// An encoding that does not begin once nobody waits for it.
+/// An encoding that does not begin if nobody waits for it any more.
 struct AbortedOnDrop<T>(JoinHandle<T>);
 
 impl<T> Drop for AbortedOnDrop<T> {

@@ -1,9 +1,10 @@
-//! An error in words, with what caused it.
+//! Displays an error with its causes.
 
 use std::error::Error;
 use std::fmt;
 
-/// `it: its cause: the cause's cause`; a cause that the words before it name is left out.
+/// Displays `error: its cause: the cause's cause`, without the causes that the text before them
+/// already names.
 pub(crate) struct ErrorChain<'a>(pub(crate) &'a (dyn Error + 'static));
 
 impl fmt::Display for ErrorChain<'_> {

@@ -55,13 +55,13 @@ pub fn within_budget<M, R, const STREAMS: usize>(
     }
 }
 
-/// Nanoseconds of a clock that all budgets of the process share.
+/// Returns the time in nanoseconds on a clock that all budgets of the process share.
 fn now() -> u64 {
     static START: OnceLock<Instant> = OnceLock::new();
     nanos(START.get_or_init(Instant::now).elapsed())
 }
 
-/// One policy for a cloud's deadlines and for a message handler that reads its estimates.
+/// Lets a cloud's deadlines and a message handler share one policy and its estimates.
 impl<P: Policy> Policy for SharedState<P> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         self.with(|policy| policy.decide(situation, cap))
@@ -99,7 +99,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn two_operators_share_a_budget_and_the_worthier_comes_first() {
-        // 1000 bytes a tenth of a second.
+        // The budget allows 1000 bytes in each tenth of a second.
         let budget = SharedState::new(SendBudget::<2>::new(10_000, DEADLINE, None));
         let mut worthy = within_budget(budget.clone(), 0, |_: &u64, _| (600, 2.0), send);
         let mut other = within_budget(budget, 1, |_: &u64, _| (600, 1.0), send);
@@ -109,7 +109,8 @@ mod tests {
             counts[1] += u32::from(other(&t, t).is_some());
             tokio::time::advance(Duration::from_millis(100)).await;
         }
-        // The other has the 400 bytes that are left each time, once the worthy one has saved for two messages.
+        // The less worthy operator gets the 400 bytes that are left each time, once the other one
+        // has saved for two messages.
         assert_eq!(counts, [30, 19]);
     }
 }

@@ -21,7 +21,7 @@ pub enum OutOfOrder {
     Late(u64),
 }
 
-/// The item that a reader in order keeps.
+/// The state of a reader in order.
 pub(crate) struct OrderedReading<T> {
     orderer: Reorderer<StreamMessage<T>>,
     /// A message's timestamp, and `true` for its last item.
@@ -61,7 +61,7 @@ impl<O: Send + Sync + 'static> Reader<Item<O>> {
 }
 
 impl<T> OrderedReading<T> {
-    /// Returns the next message in order; `read` reads one as it comes.
+    /// Returns the next message in order. `read` returns the next one in order of arrival.
     pub(crate) fn poll(
         &mut self,
         context: &mut Context<'_>,
@@ -71,7 +71,8 @@ impl<T> OrderedReading<T> {
             while let Some(ready) = self.orderer.next_ready() {
                 match ready {
                     Ordered::Item(message) => {
-                        // The timestamps of a stream ascend.
+                        // The timestamps of a stream must ascend, so the messages are numbered
+                        // again.
                         let timestamp = self.count;
                         self.count += 1;
                         return Poll::Ready(Some(StreamMessage { timestamp, ..message }));

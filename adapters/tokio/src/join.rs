@@ -215,7 +215,7 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
                 let key = lineage.as_ref().and_then(|it| it.origin.as_ref()?.seq);
                 let (is_last, put) = (item.is_last(), Arc::clone(&put));
                 let put = Box::new(move |set: &mut S| {
-                    // Its value is there.
+                    // The set already has the value.
                     if !matches!(item.ending, Ending::Final(_)) {
                         put(set, item);
                     }
@@ -346,7 +346,7 @@ impl RunningJoin {
 
     /// Waits until the aligned inputs have ended and every set was given. Returns the counts.
     pub async fn join(self) -> JoinTally {
-        // A runtime that was shut down has ended it too.
+        // The task fails only if the runtime was shut down, which ends the join too.
         let _ = self.task.await;
         let tally = lock(&self.tally);
         tally.clone()
@@ -365,7 +365,7 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
         }
     }
 
-    /// Accepts one message, or gives what is due. While a reader lags, it does neither.
+    /// Accepts one message, or sends the sets that are due. While a reader lags, it does neither.
     fn poll_event(&mut self, context: &mut Context<'_>, is_over: bool) -> Poll<()> {
         let was_waiting = !self.output.is_delivered();
         if self.output.poll_delivered(context).is_pending() {

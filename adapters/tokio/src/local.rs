@@ -52,7 +52,7 @@ pub(crate) enum LocalKind<I, O> {
 
 pub(crate) type Spawn<I, O> =
     Box<dyn FnMut(Arc<I>, u64) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
-/// Makes another function with state of its own.
+/// Makes another function, with its own state.
 pub(crate) type MakeCompute<I, O> = Box<dyn FnMut() -> Compute<I, O> + Send>;
 pub(crate) type Compute<I, O> = Box<dyn FnMut(&I, u64) -> Result<O, Error> + Send>;
 

@@ -232,7 +232,8 @@ pub fn spawn<P: Operator>(
     start(&runtime, config, setup, local, input)
 }
 
-/// Knows the operator's messages and not its type, so that all with the same ones have one copy of it and of the task.
+/// Depends on the types of the operator's messages but not on the operator's type. Operators with
+/// the same message types so share one copy of this function and of the task.
 fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
     runtime: &Handle,
     config: Config,
@@ -307,7 +308,7 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
         finish(engine).await
     };
     let span = info_span!("operator", name = config.name);
-    // A span that nobody listens to would be entered at each wake.
+    // Without this check, a span that nobody listens to would be entered at each wake.
     let task =
         if span.is_disabled() { runtime.spawn(task) } else { runtime.spawn(task.instrument(span)) };
     Ok((Running { task, stop: Mutex::new(Some(stop)), counting, sides: beside }, output))

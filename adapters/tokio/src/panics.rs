@@ -1,4 +1,4 @@
-//! Panics that were caught, in words.
+//! Turns caught panics into errors.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -7,7 +7,7 @@ use futures_util::FutureExt;
 
 use crate::Error;
 
-/// Turns a panic into an error (D7 failures).
+/// Turns a panic of `computation` into an error (D7).
 pub(crate) async fn guarded<T>(
     computation: impl Future<Output = Result<T, Error>>,
 ) -> Result<T, Error> {

@@ -37,7 +37,7 @@ pub struct SideRequest {
 /// A request that knows its handle and its response handler.
 pub(crate) type SideCall =
     Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<SideResponse, Error>> + Send>;
-/// The answer on its way to the response handler.
+/// Gives an answer to the response handler.
 pub(crate) type SideResponse = Box<dyn FnOnce() -> Result<(), Error> + Send>;
 /// The message handler.
 pub(crate) type SideHandler<I> = Box<dyn FnMut(&I, u64) -> Option<(SideCall, Duration)> + Send>;

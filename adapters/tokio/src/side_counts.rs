@@ -1,4 +1,4 @@
-//! The counts of one registration of side requests, with their metrics (D11 one account).
+//! The counts of one registration of side requests, with their metrics (D11).
 
 use std::fmt;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(crate) struct SideCounts {
 
 pub(crate) struct Count(AtomicU64, Counter);
 
-/// Counts a request as waiting as long as it lives.
+/// Counts a request as waiting until it is dropped.
 pub(crate) struct WaitingGuard(Arc<SideCounts>);
 
 impl SideCounts {

@@ -24,7 +24,7 @@ use crate::in_order::OrderedReading;
 #[must_use]
 pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     assert!(capacity > 0, "a stream needs room for at least 1 message");
-    // More than a channel can hold is no different.
+    // A channel cannot hold more than this, and it makes no difference.
     let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
     let joining =
@@ -54,13 +54,13 @@ pub struct Reader<T> {
     receiver: mpsc::Receiver<StreamMessage<T>>,
     joining: Weak<NewReaders<T>>,
     capacity: usize,
-    /// Takes each message, if only some are wanted.
+    /// Filters the messages, if only some are wanted.
     pub(crate) filter: Option<Filter<T>>,
     /// Keeps messages until it is their turn, if order is wanted.
     pub(crate) order: Option<Box<OrderedReading<T>>>,
 }
 
-/// Keeps a message back, or returns one to give.
+/// Keeps a message back, or returns a message for the reader.
 pub(crate) type Filter<T> =
     Box<dyn FnMut(StreamMessage<T>) -> Option<StreamMessage<T>> + Send + Sync>;
 
@@ -82,7 +82,7 @@ impl<T> Clone for StreamMessage<T> {
 /// The readers that were made since the last message.
 #[derive(Debug)]
 struct NewReaders<T> {
-    /// `true` if there are any; checked with each message.
+    /// `true` if there are any. It is checked with each message, without the lock.
     is_any: AtomicBool,
     readers: Mutex<Vec<mpsc::Sender<StreamMessage<T>>>>,
 }
@@ -134,7 +134,8 @@ impl<T> Writer<T> {
         let (timestamp, message, lineage) = (self.count, Arc::new(message), lineage.into());
         let message = StreamMessage { timestamp, message, lineage };
         self.count += 1;
-        // Each has room, and nobody else writes; if one closed meanwhile, nothing is lost.
+        // Each reader has room, because nobody else writes. A reader that has closed since loses
+        // nothing.
         for reader in others {
             drop(reader.try_send(message.clone()));
         }
@@ -197,7 +198,8 @@ impl<T> Writer<T> {
     /// Removes readers that closed and adds those that joined.
     fn admit(&mut self) {
         self.readers.retain(|reader| !reader.is_closed());
-        // Usually none joined, and a read leaves the cache line to those who share it.
+        // Usually no reader has joined, and a load does not take the cache line from the threads
+        // that share it.
         if self.joining.is_any.load(Ordering::Acquire) {
             self.joining.is_any.store(false, Ordering::Relaxed);
             self.readers.append(&mut self.joining.lock());

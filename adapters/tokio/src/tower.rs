@@ -57,7 +57,8 @@ pub struct FallbackService<Req, Res> {
     started: Result<Arc<RunningService<Req, Res>>, Arc<str>>,
 }
 
-/// Its operator ends once all clones are gone and all requests are answered.
+/// A started operator. It ends when all clones of the service are dropped and all requests are
+/// answered.
 struct RunningService<Req, Res> {
     requests: SharedState<Writer<Arc<FallbackRequest<Req>>>>,
     callers: WaitingCallers<Res>,
@@ -66,12 +67,12 @@ struct RunningService<Req, Res> {
 /// The callers that wait for an answer, by the timestamp of their request.
 type WaitingCallers<Res> = SharedState<BTreeMap<u64, oneshot::Sender<Result<Res, Error>>>>;
 
-/// Makes a request to one service: waits until the service is ready and calls it, within one
-/// budget.
+/// Makes a request to one service. The deadline covers both the wait until the service is ready and
+/// the call.
 type FallbackCall<Req, Res> =
     Arc<dyn Fn(Arc<FallbackRequest<Req>>) -> BoxFuture<'static, Result<Res, Error>> + Send + Sync>;
 
-/// A request, and whether its caller still waits.
+/// A request, and a channel that shows whether its caller still waits.
 struct FallbackRequest<Req> {
     request: Req,
     caller: watch::Receiver<()>,
@@ -199,7 +200,7 @@ impl<Req: Send + Sync + 'static, Res> RunningService<Req, Res> {
         &self,
         request: Arc<FallbackRequest<Req>>,
     ) -> Result<oneshot::Receiver<Result<Res, Error>>, Error> {
-        // Locked until the caller is registered, so that no answer comes before.
+        // The lock is held until the caller is registered, so that no answer comes earlier.
         self.callers.with(|callers| {
             let written = self.requests.with(|requests| requests.write(request));
             let timestamp = written.map_err(|_| "too many requests are under way")?;

@@ -31,15 +31,14 @@ pub(crate) struct LocalThreads<I, O> {
     make: Option<MakeCompute<I, O>>,
 }
 
-/// The messages that are to be computed, with their timestamps.
+/// The messages to compute, with their timestamps.
 type LocalJobs<I> = mpsc::Receiver<(Arc<I>, u64)>;
 
 /// The data that each thread has.
 struct LocalWorker<I, O> {
     jobs: Arc<Mutex<LocalJobs<I>>>,
     completions: UnboundedSender<Completion<O>>,
-    /// The timestamps that are being computed, and `true` if another thread took the place of
-    /// theirs.
+    /// The timestamps that are being computed, with `true` for those whose thread was replaced.
     running: Arc<Mutex<Vec<(u64, bool)>>>,
 }
 
@@ -91,7 +90,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
             error!(timestamp, %error, "local's worker cannot be replaced");
             return;
         }
-        // A thread that has ended meanwhile goes on beside the new one.
+        // If the computation has ended in the meantime, its thread continues beside the new one.
         if let Some((_, is_replaced)) = worker.running().iter_mut().find(|(t, _)| *t == timestamp) {
             *is_replaced = true;
         }

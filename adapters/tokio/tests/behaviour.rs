@@ -1,4 +1,4 @@
-//! Tests what operators do with calls, handlers, threads and one another.
+//! Tests how operators treat calls, handlers and threads, and how they work together.
 
 use std::future::pending;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,7 +25,7 @@ fn local_after(ms: u32) -> Local<u64, String> {
     Local::futures(64, move |_, _| after(ms, "local"))
 }
 
-/// Notes when it is dropped.
+/// Records the instant when it is dropped.
 struct Dropped(Arc<Mutex<Vec<(u16, Duration)>>>, u16, Instant);
 
 impl Drop for Dropped {
@@ -34,7 +34,7 @@ impl Drop for Dropped {
     }
 }
 
-/// D6.
+/// A cancelled call, and a call whose timer fired, are dropped at once (D6).
 #[tokio::test(start_paused = true)]
 async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     let dropped = Arc::new(Mutex::new(Vec::new()));
@@ -64,7 +64,7 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     assert_eq!(shared, [(1, 30 * MS), (2, 10 * MS), (3, 30 * MS)]);
 }
 
-/// D6: of 250 calls at once each is woken and aborted on its own.
+/// Each of 250 simultaneous calls is woken and aborted independently (D6).
 #[tokio::test(start_paused = true)]
 async fn of_many_calls_at_once_each_ends_for_its_own_message() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
@@ -88,7 +88,8 @@ async fn of_many_calls_at_once_each_ends_for_its_own_message() {
     assert_eq!(items, expected);
 }
 
-/// D7.
+/// A response handler that panics or returns an error makes the result a failure at its arrival
+/// (D7).
 #[tokio::test(start_paused = true)]
 async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_arrives() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
@@ -112,7 +113,8 @@ async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_a
     );
 }
 
-/// D3: an event has the instant at which it is taken, not the one at which it began to be made.
+/// A result counts at the instant when its response handler has ended, not when the response
+/// arrived (D3).
 #[tokio::test(start_paused = true)]
 async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
     for (busy, becomes) in [
@@ -122,7 +124,7 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
     ] {
         let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             let response_handler = move |response| {
-                // The clock goes on while this holds the only thread.
+                // The clock advances while this handler blocks the only thread.
                 advance(busy * MS).now_or_never();
                 Ok(response)
             };
@@ -138,7 +140,7 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
     }
 }
 
-/// D5.
+/// A call gets the time that is left, and a request that waited too long is never sent (D5).
 #[tokio::test(start_paused = true)]
 async fn a_call_has_the_time_left_and_one_that_waited_too_long_is_never_made() {
     let reported = Arc::new(Mutex::new(Vec::new()));
@@ -148,7 +150,7 @@ async fn a_call_has_the_time_left_and_one_that_waited_too_long_is_never_made() {
             reported.lock().unwrap().push((call.timestamp, call.deadline));
             pending()
         };
-        // The first call holds the only place for 60 ms.
+        // The first call occupies the only place for 60 ms.
         let message_handler = |m: &u64, _| {
             let deadline = match m {
                 0 => 60,
@@ -181,7 +183,7 @@ async fn a_local_computation_outlives_its_message_and_is_superseded() {
         })
     });
     let played = play(operator, Config::default(), &[0, 100]).await;
-    // The second was still being computed when the operator ended.
+    // The second message was still being computed when the operator ended.
     assert_eq!(shared.load(Ordering::Relaxed), 1);
     assert!(played.trace.contains(r#""p":0,"why":"superseded""#), "{}", played.trace);
 }
@@ -245,7 +247,8 @@ async fn operators_join_into_a_graph_and_readers_share_a_stream() {
     camera.write(0).unwrap();
     camera.write(1).unwrap();
     drop(camera);
-    // The second message's detection comes first; the tracker counts what it gets.
+    // The second message's detection comes first. The tracker numbers the items in the order of
+    // their arrival.
     let tracked = tracks.read().await.unwrap();
     let words = "35.000 ms: 0 track 0 of [30.000 ms: 1 cloud 1 by arrival from 30 ms] by arrival \
                  from 35 ms";
@@ -257,7 +260,7 @@ async fn operators_join_into_a_graph_and_readers_share_a_stream() {
     assert!(log.read().await.is_none());
 }
 
-/// D10.
+/// Stopping aborts calls, ends the output, and leaves the trace complete (D10).
 #[tokio::test(start_paused = true)]
 async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -289,7 +292,7 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     assert_eq!(shared.lock().unwrap().len(), 1);
     let written = std::fs::read_to_string(path).unwrap();
     assert_eq!(written.lines().count(), 5, "{written}");
-    // A44: it says that the run is over.
+    // The last tick says that the run is over (A44).
     let last = concat!(
         "{\"ev\":\"request\",\"at\":0,\"t\":0,\"p\":1,\"due\":500000000}\n",
         "{\"ev\":\"tick\",\"at\":10000000}\n"
@@ -320,7 +323,7 @@ fn a_dropped_runtime_leaves_the_trace_whole() {
     other.block_on(running.join()).expect_err("it was not let end");
 }
 
-/// D8.
+/// A reader that lags delays new messages, and no message is lost (D8).
 #[tokio::test(start_paused = true)]
 async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     let (camera, frames) = stream(1);
@@ -332,7 +335,7 @@ async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     });
     let camera = tokio::spawn(camera.write_all(messages));
     sleep(1000 * MS).await;
-    // One item is on the stream and one waits; nothing was taken in since.
+    // One item is on the stream and one waits. No further message was accepted.
     assert_eq!(running.tally().messages, 2);
     for t in 0..8 {
         let item = output.read().await.unwrap();
@@ -380,7 +383,7 @@ async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
     assert_eq!(values, ["local's of 0", "local's of 1", "cloud", "local's of 3"]);
     drop((camera, release));
     assert_eq!(running.join().await.unwrap().forwarded(), 4);
-    // The last call was dropped when its timer fired, the first ended by itself.
+    // The last call was dropped when its timer fired, and the first ended by itself.
     while shared.lock().unwrap().len() < 4 {
         tokio::task::yield_now().await;
     }
@@ -412,7 +415,7 @@ async fn a_camera_and_the_reader_of_its_output_in_one_task_never_wait_for_each_o
     let (mut lost, mut read) = (0, 0);
     for frame in 0..50 {
         ticks.tick().await;
-        // A stall: for a while nobody reads, though frames come.
+        // For a while nobody reads, although frames come.
         if !(10..30).contains(&frame) {
             while let Ok(Some(_)) = tokio::time::timeout(Duration::ZERO, output.read()).await {
                 read += 1;
@@ -442,7 +445,7 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
             let barrier = Arc::clone(&barrier);
             let mut computed = 0;
             move |_: &u64, _| {
-                // Passes only if four are here at once.
+                // The barrier opens only if four threads wait at once.
                 barrier.wait();
                 computed += 1;
                 Ok(format!("the thread's number {computed}"))

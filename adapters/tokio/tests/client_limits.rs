@@ -1,7 +1,7 @@
-//! Hostile clients and floods of connections at a server, over real sockets on loopback.
+//! Tests a server against hostile clients and floods of connections, over real sockets on loopback.
 //!
-//! Each is refused or closed, is named in the log, and takes no more memory than it may; another client is
-//! served all the while.
+//! Each hostile client is refused or closed and named in the log, and it takes no more memory than
+//! it may. Another client is served all the time.
 #![cfg(feature = "grpc")]
 
 #[path = "support/hostile.rs"]
@@ -29,10 +29,10 @@ use tracing_subscriber::fmt::MakeWriter;
 
 const MIB: usize = 1024 * 1024;
 
-/// Long enough that no test sees it.
+/// Longer than any test.
 const NEVER: Duration = Duration::from_secs(3600);
 
-/// Bounds of which no flood comes to one before the others.
+/// Bounds so wide that a flood reaches only the bound that its test narrows.
 const WIDE: Bounds = Bounds {
     connections: 100_000,
     connections_each: 100_000,
@@ -45,7 +45,7 @@ const WIDE: Bounds = Bounds {
     idle: NEVER,
 };
 
-/// One test at a time: they look at the log and at the memory of the whole process.
+/// Lets one test run at a time, because they check the log and the memory of the whole process.
 static TURN: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
 /// The log that the servers write.
@@ -63,12 +63,12 @@ impl Log {
         String::from_utf8_lossy(&self.0.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
     }
 
-    /// Waits until the log says so.
+    /// Waits until the log contains these words.
     async fn wait_for_log(&self, words: &str) {
         self.wait_for_lines(words, 1).await;
     }
 
-    /// Waits until this many lines say so.
+    /// Waits until the log contains these words this many times.
     async fn wait_for_lines(&self, words: &str, count: usize) {
         let soon = async {
             while self.text().matches(words).count() < count {
@@ -98,7 +98,7 @@ impl<'a> MakeWriter<'a> for Log {
     }
 }
 
-/// Answers with as many bytes as the timestamp says.
+/// Answers with a reply of `timestamp` bytes.
 fn sized(request: Request) -> impl Future<Output = Result<Reply, Status>> {
     let Request { timestamp, payload, .. } = request;
     drop(payload);
@@ -117,17 +117,18 @@ async fn one(client: &mut InferClient) -> Result<usize, Status> {
     Ok(client.infer(request).await?.into_inner().payload.len())
 }
 
-/// Bytes of this process in memory.
+/// Returns the resident memory of this process in bytes.
 fn resident() -> usize {
     let pages = std::fs::read_to_string("/proc/self/statm").unwrap();
     pages.split(' ').nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
-/// Counts how often this process did not run for a second, which is less than any bound here.
+/// Counts how often this process did not run for more than a second, which is less than any bound
+/// here.
 struct Standstills(Arc<AtomicU64>);
 
 impl Standstills {
-    /// Watches in a thread, until it is dropped.
+    /// Starts a thread that watches until the value is dropped.
     fn watch() -> Self {
         let count = Arc::new(AtomicU64::new(0));
         let watched = Arc::downgrade(&count);
@@ -149,7 +150,8 @@ impl Standstills {
     }
 }
 
-/// A server under a flood, with a client that is served before, during and after.
+/// Runs a server under a flood, and checks that a known client is served before, during and after
+/// it.
 async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Output {
     LOG.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
     let cloud = Cloud::start("127.0.0.1:0", Server { bounds, ..Server::default() }, sized);
@@ -164,7 +166,7 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
             let before = standstills.count();
             match one(&mut known).await {
                 Ok(bytes) => assert_eq!(bytes, 9),
-                // Where the host stood still, a client is as late as a hostile client.
+                // If the host stood still, even a well-behaved client is late and may be refused.
                 Err(status) => assert!(standstills.count() > before, "{status}"),
             }
             (served, most) = (served + 1, most.max(resident()));
@@ -180,7 +182,7 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     let (served, most) = good.await.unwrap();
     println!("{served} calls served; {} MiB more memory at most", (most - before.min(most)) / MIB);
     assert!(most < before + bounds.held_bytes * 3 + 32 * MIB, "{before} {most}");
-    // The places of those who hung up are free once the server has got to it.
+    // The places of clients that hung up become free once the server notices.
     let served = async { while call(&cloud.http()).await.is_err() {} };
     let soon = tokio::time::timeout(Duration::from_secs(60), served).await;
     soon.expect("a new client is served too");
@@ -188,10 +190,11 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     out
 }
 
-/// The line that the log has about a hostile client, and the connection that causes it.
+/// The log's line about a hostile client, and the connection that causes it.
 type HostileClient<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
 
-/// D12: each is refused, is named in the log, and the known client is served before and after.
+/// Each hostile client is refused and named in the log, and a known client is served before and
+/// after (D12).
 #[tokio::test]
 async fn hostile_clients_are_refused_and_named() {
     let _turn = TURN.lock().await;
@@ -238,7 +241,8 @@ async fn hostile_clients_are_refused_and_named() {
     }
 }
 
-/// D12: a certificate is revoked by taking its CA away; while both are trusted, both are served.
+/// Removing a CA revokes its certificates. While both CAs are trusted, clients of both are served
+/// (D12).
 #[tokio::test]
 async fn a_client_is_refused_once_its_ca_is_taken_away() {
     let _turn = TURN.lock().await;
@@ -262,7 +266,7 @@ async fn a_client_is_refused_once_its_ca_is_taken_away() {
     cloud.kill();
 }
 
-/// Takes back each call as soon as it is made, until the server has had enough.
+/// Cancels each call as soon as it is made, until the server closes the connection.
 async fn rapid_reset(mut raw: Raw) -> usize {
     raw.greet().await;
     for n in 0..200_000_u32 {
@@ -281,7 +285,7 @@ async fn who_takes_back_calls_faster_than_it_may_is_closed() {
     let _turn = TURN.lock().await;
     under(Bounds { resets: 100, ..WIDE }, rapid_reset).await;
     LOG.wait_for_log("a client was rejected").await;
-    // One by one, so that each has begun.
+    // The calls are made one by one, so that each has begun before it is cancelled.
     under(Bounds { resets: 2, ..WIDE }, async |mut raw: Raw| {
         raw.greet().await;
         let mut calls = 0_u32;
@@ -315,7 +319,7 @@ async fn headers_are_bounded() {
         connection.abort();
     })
     .await;
-    // A block of headers that never ends.
+    // Sends a block of headers that never ends.
     under(WIDE, async |mut raw: Raw| {
         raw.greet().await;
         assert!(raw.frame(HEADERS, 0, 1, &hostile::call()).await);
@@ -363,7 +367,7 @@ async fn floods_of_pings_and_settings_take_no_memory() {
     }
 }
 
-/// D8 bounded.
+/// A client that does not read its replies is closed and holds no more memory than it may (D8).
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may() {
     let _turn = TURN.lock().await;
@@ -371,7 +375,7 @@ async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may()
     under(bounds, async |raw: Raw| {
         let (mut send, connection) = h2::client::handshake(raw.connect().await).await.unwrap();
         let connection = tokio::spawn(connection);
-        // 60 replies of 8 MiB, of which nothing is read.
+        // Requests 60 replies of 8 MiB and reads none of them.
         let mut bodies = Vec::new();
         for _ in 0..60 {
             let request = http::Request::post("http://x/fuseline.v1.Infer/Infer")
@@ -392,17 +396,18 @@ async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may()
     assert!(LOG.text().contains("the server holds as many bytes as it may"), "{}", LOG.text());
 }
 
-/// D8 bounded.
+/// Requests that never end hold no more memory than they may (D8).
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn requests_that_never_end_hold_no_more_than_they_may() {
     let _turn = TURN.lock().await;
     let long = 30 * MIB;
-    // Each sends 30 MiB but the last byte, and waits.
+    // Each request sends all but the last byte of 30 MiB, and waits.
     let flood = async |mut raw: Raw| {
         raw.greet().await;
         let block = vec![0; 16 * 1024];
         for stream in [1, 3, 5, 7] {
-            // A client that was reset while more was on its way may be closed altogether.
+            // The server may close the whole connection if data was still on its way when it reset
+            // the stream.
             if !raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await {
                 break;
             }
@@ -428,7 +433,7 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
     under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
 }
 
-/// D8 bounded.
+/// The bytes that a call held are given back when it ends (D8).
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_a_call_held_is_given_back_when_it_ends() {
     let _turn = TURN.lock().await;
@@ -442,7 +447,7 @@ async fn what_a_call_held_is_given_back_when_it_ends() {
         let reply = client.infer(tonic::Request::new(request)).await;
         reply.map(|reply| reply.into_inner().payload.len()).map_err(|status| status.code())
     };
-    // In all far more than it may hold at once, of each kind.
+    // Each kind of call takes far more in total than the server may hold at once.
     for _ in 0..8 {
         assert_eq!(holding(3 * MIB, 9).await, Ok(9));
         assert_eq!(holding(9, 3 * MIB).await, Ok(3 * MIB));
@@ -467,9 +472,10 @@ async fn garbage_on_the_port_is_closed_and_named() {
         .await;
         LOG.wait_for_log("HTTP/2: ").await;
     }
-    // Nothing, half of the preface, and a greeting without a call, at the same time: the log names one and counts the others.
+    // Three clients send nothing, half of the preface, and a greeting without a call at the same
+    // time. The log names one and counts the others.
     let bounds = Bounds { greeting: Duration::from_secs(2), ..WIDE };
-    // And nothing, or noise, before a handshake of TLS.
+    // Two more clients send nothing, and noise, instead of a TLS handshake.
     let identity = Some(Ca::new().sign("localhost"));
     let cloud =
         Cloud::start("127.0.0.1:0", Server { identity, bounds, ..Server::default() }, sized);
@@ -503,7 +509,7 @@ async fn who_makes_no_calls_any_more_is_closed() {
     LOG.wait_for_log("it has made no call for too long").await;
 }
 
-/// D6: the server ends a call by itself, whatever the client does.
+/// The server ends a call at its deadline by itself, whatever the client does (D6).
 #[tokio::test]
 async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
     let _turn = TURN.lock().await;
@@ -523,24 +529,26 @@ async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
 /// The number of clients that connect at the same time.
 const TURNS: usize = 50;
 
-/// From how many addresses they come at most.
+/// The greatest number of addresses that they come from.
 const ADDRESSES: usize = 200;
 
 /// Connects from one of 200 addresses.
 async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
     let from = Ipv4Addr::new(127, 0, 1, 1 + u8::try_from(host).unwrap());
     let socket = TcpSocket::new_v4()?;
-    // So that none of them keeps its port for a minute.
+    // Without this, each connection would keep its port for a minute.
     socket.set_zero_linger()?;
     socket.bind((from, 0).into())?;
     socket.connect(address).await
 }
 
-/// `HOSTILE` of them, 4,000 by default, as many as a landing affords. As many hold their connections at once as the
-/// limits on open files allow both ends of, and the bounds are a part of that. The size is printed.
+/// The environment variable `HOSTILE` sets the number of clients, by default 4,000. The limit on
+/// open files decides how many connections, with both ends, are held at once, and the bounds are
+/// smaller than that. The size is printed.
 ///
-/// The system completes a connection before the server gets to it. On a busy host all clients could come and go before
-/// the server looks, and it would never have more than it may. So they hang up only after it reported that it has.
+/// The system completes a connection before the server accepts it. On a busy host, all clients
+/// could come and go before the server looks, and no bound would be reached. So they hang up only
+/// after the server has logged that it reached one.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn connections_are_bounded_by_address_and_in_all() {
     let _turn = TURN.lock().await;
@@ -549,7 +557,7 @@ async fn connections_are_bounded_by_address_and_in_all() {
         .map_or(5_000, |files| usize::try_from(files).unwrap_or(usize::MAX) / 4)
         .clamp(100, 5_000)
         .min(in_all / 2);
-    // Not captured with the rest.
+    // Writes to standard error directly, because the test harness captures `println!`.
     writeln!(std::io::stderr(), "{in_all} clients connect, {at_once} at once").unwrap();
     let bounds = Bounds {
         connections: at_once / 2,
@@ -561,7 +569,7 @@ async fn connections_are_bounded_by_address_and_in_all() {
             let mut held: Vec<TcpStream> = Vec::new();
             for first in (0..in_all / 2).step_by(TURNS) {
                 let turn = (first..first + TURNS).map(|n| knock(raw.address, n % addresses));
-                // The system may refuse what the server has not got to yet.
+                // The system may refuse connections that the server has not accepted yet.
                 held.extend(join_all(turn).await.into_iter().flatten());
                 if held.len() >= at_once {
                     LOG.wait_for_log(words).await;

@@ -1,5 +1,5 @@
-//! The time limits of a connection: a client's attempt to reach a host, and an unknown client's
-//! greeting.
+//! Tests the time limits of a connection: for a client's attempt to reach a host, and for an
+//! unknown client's greeting.
 #![cfg(feature = "grpc")]
 
 use std::future::{self, ready};
@@ -16,7 +16,8 @@ use tokio::io::AsyncReadExt;
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::{Instant, pause, timeout};
 
-/// D13: an attempt to reach a host that is away ends, so that the next one finds it when it is back.
+/// An attempt to reach an unreachable host ends, so that the next one succeeds once the host is
+/// back (D13).
 #[cfg(target_os = "linux")]
 #[tokio::test]
 async fn an_attempt_to_connect_ends_with_its_deadline() {
@@ -24,13 +25,14 @@ async fn an_attempt_to_connect_ends_with_its_deadline() {
     socket.bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
     let listener = socket.listen(0).unwrap();
     let address = listener.local_addr().unwrap();
-    // With its queue full the system drops what comes, as if the host were away.
+    // When the queue is full, the system drops new connections, as if the host were unreachable.
     let mut queued = Vec::new();
     let more = || timeout(Duration::from_millis(300), TcpStream::connect(address));
     while let Ok(connected) = more().await {
         queued.push(connected.unwrap());
     }
-    // From here on in virtual time: a host that is away does nothing, and a busy test host must not matter.
+    // From here on the time is virtual. An unreachable host does nothing, and the load of the test
+    // host must not matter.
     pause();
     let connect_deadline = Duration::from_millis(100);
     let remote = Remote { connect_deadline, ..Remote::new(format!("http://{address}")) };
@@ -41,7 +43,7 @@ async fn an_attempt_to_connect_ends_with_its_deadline() {
     assert_eq!(why, "no connection in time");
 }
 
-/// D8: TLS included, a place is given back when the greeting is over.
+/// A place is given back when the time for the greeting is over, also with TLS (D8).
 #[tokio::test(start_paused = true)]
 async fn who_says_nothing_over_tls_is_closed_when_its_greeting_is_over() {
     let greeting = Duration::from_secs(7);
@@ -65,7 +67,7 @@ async fn who_says_nothing_over_tls_is_closed_when_its_greeting_is_over() {
     assert_eq!(begin.elapsed().as_secs(), greeting.as_secs());
 }
 
-/// D8: a host that has no descriptor for one connection takes the next one.
+/// A server that has no descriptor for one connection accepts the next one (D8).
 #[tokio::test(start_paused = true)]
 async fn server_goes_on_after_a_failed_accept() {
     let (mut visitor, socket) = tokio::io::duplex(1024);
@@ -74,7 +76,7 @@ async fn server_goes_on_after_a_failed_accept() {
     let incoming = stream::iter(arrivals).chain(stream::pending());
     let infer = |_: Request| ready(Ok(Reply::default()));
     let serving = serve_with_incoming(infer, Server::default(), incoming, future::pending());
-    // A visitor that says nothing is let in, and closed when its greeting is over.
+    // A visitor that sends nothing is accepted, and closed when the time for its greeting is over.
     let mut read = Vec::new();
     tokio::select! {
         ended = serving => panic!("{ended:?}"),

@@ -1,4 +1,4 @@
-//! The deadlines that clouds get, and the reports to their policies.
+//! Tests the deadlines that clouds get, and the reports to their policies.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -19,7 +19,8 @@ const MS: Duration = Duration::from_millis(1);
 /// The calls that a policy received, in their order.
 type Log = Arc<Mutex<Vec<String>>>;
 
-/// Answers with one deadline after the other, the last again and again, and notes everything.
+/// A policy that returns its deadlines one after the other, repeats the last one, and logs every
+/// call.
 struct RecordingPolicy {
     log: Log,
     deadlines: Vec<u32>,
@@ -51,7 +52,7 @@ enum ServiceAction {
 }
 use ServiceAction::{Answers, Fails, Hangs};
 
-/// Its value says who answered which message, requested when.
+/// Acts on a message. The value names the source, the message and the instant of the request.
 async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     let value = format!("{who}'s of {t}, asked at {requested} ms,");
@@ -66,7 +67,7 @@ async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<
     Ok(value)
 }
 
-/// Local answers after 20 ms, and cloud `p` as given for each message.
+/// Registers cloud `p`, which acts on each message as `action` says.
 fn cloud(
     setup: &mut Setup<u64, String>,
     p: u16,
@@ -122,12 +123,13 @@ async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_
     assert_eq!(*log.lock().unwrap(), reported);
 }
 
-/// Returns the cloud's action on message `t` of five. They come 200 ms apart, and each has a deadline of 100 ms.
+/// Returns the cloud's action on message `t` of five. The messages come 200 ms apart, and each has
+/// a deadline of 100 ms.
 fn fates(t: u64) -> ServiceAction {
     [Answers(40), Fails(30), Answers(130), Answers(170), Hangs][usize::try_from(t).unwrap()]
 }
 
-/// The ends alone.
+/// Returns only the ends of calls.
 fn ends(log: &Log) -> Vec<String> {
     log.lock().unwrap().iter().filter(|line| !line.starts_with("at")).cloned().collect()
 }
@@ -162,7 +164,7 @@ async fn a_call_that_lingers_shows_its_true_age_and_changes_no_output() {
     let lingering = outputs(50 * MS, Arc::clone(&log)).await;
     assert_eq!(
         ends(&log),
-        // At 170 ms the fourth had lingered for its 50 ms.
+        // The fourth call would answer at 170 ms, but it had lingered for its 50 ms by 150 ms.
         ["Answered(40ms)", "Failed(30ms)", "Answered(130ms)", "Censored(150ms)"]
     );
     assert_eq!(lingering.items, outputs(Duration::ZERO, Log::default()).await.items);
@@ -173,7 +175,7 @@ async fn a_call_that_lingers_shows_its_true_age_and_changes_no_output() {
 async fn a_cancelled_call_lingers_until_it_would_have_been_due_and_the_linger_after_it() {
     let log = Log::default();
     let run = played(&[0, 500, 1000], |setup| {
-        // Cloud 2 answers at 60 ms; cloud 1 is cancelled then.
+        // Cloud 2 answers at 60 ms, and cloud 1 is cancelled then.
         let action = |t| [Answers(90), Answers(260), Answers(10)][usize::try_from(t).unwrap()];
         let lower = cloud(setup, 1, action, 100 * MS);
         (lower.policy, lower.linger) = (Some(noting(&log, &[100])), 150 * MS);
@@ -195,7 +197,7 @@ async fn calls_that_linger_take_no_place_and_are_no_more_than_calls() {
         local(20)
     });
     let run = run.await;
-    // Each message is sent at once; the second and third that linger end the one before.
+    // Each request is sent at once. The second and third calls that linger end the previous one.
     assert_eq!(ends(&log), ["Censored(150ms)", "Censored(150ms)", "Answered(10ms)"]);
     let last = "310.000 ms: 3 cloud 1's of 3, asked at 300 ms, by arrival from 310 ms\n";
     assert!(run.items.ends_with(last), "{}", run.items);
@@ -263,7 +265,8 @@ async fn the_guard_waits_as_long_as_the_speed_allows_and_risks_nothing_without_o
         local(300)
     });
     let run = run.await;
-    // 0.6506 s at 18 m/s, local's response without a speed, 0.3117 s at 20 m/s.
+    // The deadlines are 0.6506 s at 18 m/s, local's response without a speed, and 0.3117 s at 20
+    // m/s.
     let due = |line: &str| line.split("\"due\":").nth(1).map(|due| due[..6].to_owned());
     let dues: Vec<_> = run.trace.lines().filter(|line| line.contains("request")).map(due).collect();
     let expected = ["650555", "230170", "431166"].map(|due| Some(due.to_owned()));
@@ -304,7 +307,7 @@ async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it
     let policy = Constant(400 * MS).cap(expected);
     let (mut camera, frames) = stream(8);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
-        // It is gone from message 40 to message 79.
+        // The cloud is gone from message 40 to message 79.
         let action = |t| if (40..80).contains(&t) { Hangs } else { Answers(150) };
         cloud(setup, 1, action, Duration::MAX).policy = Some(Box::new(policy));
         local(20)
@@ -317,7 +320,8 @@ async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it
         took.push((item.latency().as_millis(), line(&item).contains("cloud 1's")));
     }
     assert!(took[16..40].iter().all(|took| *took == (150, true)), "{took:?}");
-    // Sixteen ends after it went nothing is left to wait for, but for one message in eight.
+    // From sixteen ends after the outage began, the policy waits only for a probe, which is one
+    // message in eight.
     let waits = took[56..80].iter().filter(|(ms, _)| *ms > 20).count();
     assert_eq!(waits, 3, "{took:?}");
     assert!(took[97..].iter().all(|took| *took == (150, true)), "{took:?}");

@@ -1,4 +1,4 @@
-//! An operator ends in order, whatever is still under way or waits to be read.
+//! Tests that an operator ends in order, whatever is still under way or waits to be read.
 
 use std::time::Duration;
 
@@ -6,13 +6,14 @@ use crate::support::{ClosureOperator, play};
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
 use tokio::time::timeout;
 
-/// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.
+/// A lingering call is dropped when the operator ends. If that panics, no item and no line of the
+/// trace is lost (D7, D10).
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_nor_trace() {
     play_with_calls_that_panic_on_drop(Duration::from_secs(1)).await;
 }
 
-/// D6, D7.
+/// If dropping an aborted call panics, no item and no line of the trace is lost (D6, D7).
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_when_it_is_aborted_costs_neither_items_nor_trace() {
     play_with_calls_that_panic_on_drop(Duration::ZERO).await;
@@ -42,7 +43,7 @@ async fn play_with_calls_that_panic_on_drop(linger: Duration) {
     assert_eq!(played.trace.matches(r#""ev":"emit""#).count(), 2);
 }
 
-/// D1: found by the simulator.
+/// A stop loses no item that was decided, even if the item still waits for room (D1).
 #[tokio::test(start_paused = true)]
 async fn a_stop_loses_no_item_that_was_decided_and_finds_room() {
     let operator = ClosureOperator(|_: &mut Setup<u64, String>| {

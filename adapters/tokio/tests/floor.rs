@@ -1,5 +1,5 @@
-//! The floor of a pipeline, in virtual time (E11): clouds take away no result that the pipeline has without them.
-//! `FLOOR_SEED=N` runs one pair again, `FLOORS=N` plays that many.
+//! Tests in virtual time that clouds never cost a pipeline a result that it has without them (E11).
+//! `FLOOR_SEED=N` repeats one pair of runs, and `FLOORS=N` plays N pairs.
 
 use tokio::runtime::Builder;
 
@@ -14,7 +14,7 @@ fn play(seed: u64, breach: Breach) -> (Vec<String>, usize) {
     runtime.unwrap().block_on(lost(seed, breach))
 }
 
-/// E11.
+/// A message that is answered in time on board alone is also answered with clouds (E11).
 #[test]
 fn clouds_take_no_result_from_a_pipeline() {
     let seeds = match number("FLOOR_SEED") {
@@ -30,8 +30,7 @@ fn clouds_take_no_result_from_a_pipeline() {
     assert!(answered > 0, "no message was answered on board");
 }
 
-/// Clouds cost a result if any one condition of E11 is missing. The first is one reserve for
-/// requests and local.
+/// If any one condition of E11 is broken, clouds can cost a result.
 #[test]
 fn each_condition_of_the_floor_is_needed() {
     for (breach, seed) in COUNTEREXAMPLES {

@@ -1,5 +1,5 @@
-//! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one of
-//! them again, and `GRAPHS=N` runs N of them.
+//! Tests graphs of operators that are drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N`
+//! repeats one graph, and `GRAPHS=N` runs N of them.
 
 use tokio::runtime::Builder;
 
@@ -9,7 +9,7 @@ fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|number| number.parse().expect("a number"))
 }
 
-/// E1, E2, E3, E6, E7: whatever is drawn.
+/// Every drawn graph keeps the promises about graphs (E1, E2, E3, E6, E7).
 #[test]
 fn a_graph_of_any_shape_keeps_its_promises() {
     let seeds = match number("GRAPH_SEED") {

@@ -1,4 +1,4 @@
-//! Clouds over real sockets on loopback.
+//! Tests clouds over real sockets on loopback.
 #![cfg(feature = "grpc")]
 
 use std::future::{pending, ready};
@@ -26,7 +26,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// Answers with what came.
+/// Answers with the request's payload.
 fn echo(request: Request) -> impl Future<Output = Result<Reply, Status>> {
     ready(Ok(Reply { payload: request.payload, ..Reply::default() }))
 }
@@ -48,7 +48,7 @@ async fn one(client: &mut InferClient, payload: &[u8]) -> Result<Vec<u8>, Status
     Ok(client.infer(request).await?.into_inner().payload.to_vec())
 }
 
-/// An operator with one cloud; local answers at once.
+/// An operator with one cloud, whose local computation answers at once.
 struct Vehicle {
     remote: Remote,
     deadline: Duration,
@@ -70,7 +70,8 @@ impl Operator for Vehicle {
     }
 }
 
-/// An operator whose cloud says of which message its replies are; local comes when it has failed.
+/// An operator whose cloud states the messages that its replies are of. Local's result comes when
+/// the cloud has failed.
 struct StampedVehicle(Remote);
 
 impl Operator for StampedVehicle {
@@ -91,12 +92,12 @@ impl Operator for StampedVehicle {
     }
 }
 
-/// Offers of any length.
+/// Returns a configuration that bounds no offer.
 fn unbounded() -> Config {
     Config { greatest_deadline: Duration::MAX, ..Config::default() }
 }
 
-/// Sends one message and waits for its item.
+/// Sends one message and waits for its item. Returns the item's value and trigger.
 async fn exchange(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Trigger) {
     camera.write(b"frame".into()).unwrap();
     let item = output.read().await.unwrap();
@@ -121,8 +122,8 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
         exchange(&mut camera, &mut output).await,
         (b"cloud frame".to_vec(), Trigger::Arrival)
     );
-    // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has, and
-    // gRPC puts five before all.
+    // Timestamp 0 is not encoded, and 1 takes two bytes. The payload takes two bytes more than its
+    // length, and gRPC adds five bytes in front.
     assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14);
     camera.write(vec![7; 100_000]).unwrap();
     output.read().await.unwrap();
@@ -151,13 +152,14 @@ async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
     assert_eq!(failure(&secure.http()).await, "the connection broke");
     let unknown_client = failure(&secure.https(&Ca::new())).await;
     assert_eq!(unknown_client, "invalid peer certificate: BadSignature");
-    // Words that were others each second would be a reason each.
+    // A text that changed every second would be a new reason every second.
     let expired = failure(&old.https(&ca)).await;
     assert_eq!(expired, "invalid peer certificate: certificate expired");
     [plain, secure, old, locked].into_iter().for_each(Cloud::kill);
 }
 
-/// D15: which error of the system it is that breaks a connection is chance.
+/// All errors that break a connection are one reason, because it is chance which of them occurs
+/// (D15).
 #[test]
 fn a_connection_that_broke_is_one_reason_and_one_that_is_refused_another() {
     use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
@@ -184,7 +186,7 @@ async fn what_no_connection_took_does_not_count_as_sent() {
     assert_eq!(why, [("connection refused", 1)]);
 }
 
-/// Says what it serves, and echoes.
+/// An echo service that describes itself.
 struct DescribedService;
 
 impl Infer for DescribedService {
@@ -245,7 +247,7 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     .unwrap();
     let item = output.read().await.unwrap();
     assert_eq!(item.forwarded().unwrap().value, b"local");
-    // Nobody listens: the call fails at once, while local may still compute.
+    // Nobody listens, so the call fails at once, perhaps while local still computes.
     assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
 
     let cloud = Cloud::start(&address, Server::default(), echo);
@@ -256,8 +258,8 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     cloud.kill();
 }
 
-/// Passes on to the cloud and back, until it is signalled; from then on the connection stays open and nothing more
-/// of it goes on. The next one is passed on again.
+/// Forwards a connection to the cloud and back until it is signalled. Then the connection stays
+/// open, but nothing passes any more. The next connection is forwarded again.
 async fn passed_on(entry: TcpListener, cloud: SocketAddr, reported: oneshot::Receiver<()>) {
     let connection =
         async || (entry.accept().await.unwrap().0, TcpStream::connect(cloud).await.unwrap());
@@ -270,7 +272,7 @@ async fn passed_on(entry: TcpListener, cloud: SocketAddr, reported: oneshot::Rec
     copy_bidirectional(&mut client, &mut server).await.unwrap();
 }
 
-/// D13.
+/// A connection that falls silent counts as lost once a ping has had no answer (D13).
 #[tokio::test]
 async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
@@ -295,7 +297,7 @@ async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
     cloud.kill();
 }
 
-/// D2.
+/// Messages of many megabytes pass in both directions (D2).
 #[tokio::test]
 async fn messages_of_many_megabytes_pass_both_ways() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
@@ -305,7 +307,7 @@ async fn messages_of_many_megabytes_pass_both_ways() {
     cloud.kill();
 }
 
-/// D5.
+/// The deadline travels with the call (D5).
 #[tokio::test]
 async fn the_deadline_travels_with_the_call() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -336,7 +338,7 @@ async fn the_deadline_travels_with_the_call() {
     assert!((3000..=3600).contains(&seconds), "{timeout}");
 }
 
-/// D12.
+/// With mutual TLS a stranger is refused and a known client is served (D12).
 #[tokio::test]
 async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
     let (ca, other) = (Ca::new(), Ca::new());
@@ -359,7 +361,7 @@ async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
     cloud.kill();
 }
 
-/// D12.
+/// A client sends nothing to a server that cannot prove its name (D12).
 #[tokio::test]
 async fn a_server_that_is_not_the_one_is_not_spoken_to() {
     let (ca, other) = (Ca::new(), Ca::new());
@@ -372,7 +374,7 @@ async fn a_server_that_is_not_the_one_is_not_spoken_to() {
     cloud.kill();
 }
 
-/// D12.
+/// Only the right token is accepted, and it can be replaced (D12).
 #[tokio::test]
 async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
     let ours = Token::new("right").unwrap();
@@ -404,7 +406,7 @@ async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
     let mut exchange = async |path: &'static str| {
         grpc.ready().await.unwrap();
         let path = http::uri::PathAndQuery::from_static(path);
-        // A timestamp that is a string.
+        // The timestamp is a string, which cannot be decoded.
         let garbage = GarbageService { timestamp: "garbage".into() };
         let codec = tonic_prost::ProstCodec::<GarbageService, Reply>::default();
         grpc.unary(tonic::Request::new(garbage), path, codec).await.unwrap_err().code()
@@ -465,8 +467,8 @@ fn secrets_do_not_show() {
     assert!(!format!("{remote:?}").contains(&secret[1..secret.len() - 1]));
 }
 
-/// A peer from before lineage sends only a timestamp and a payload, or a payload. Both sides read
-/// what they know.
+/// An older peer sends only a timestamp and a payload, or a payload. Both sides read the fields
+/// that they know.
 #[test]
 fn an_old_peer_is_read_and_reads_what_it_knows() {
     let request = Request::decode(&[8, 7, 18, 1, b'x'][..]).unwrap();
@@ -477,12 +479,12 @@ fn an_old_peer_is_read_and_reads_what_it_knows() {
     assert_eq!(reply.encode_to_vec(), [10, 1, b'y']);
 }
 
-/// D2: the server's handler reads the lineage, and its reply says of which message it is.
+/// The server's handler reads the lineage, and its reply states the message that it is of (D2).
 #[tokio::test]
 async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     let seen = SharedState::new(Vec::new());
     let log = seen.clone();
-    // It answers the second request with what it has of the first.
+    // The server answers the second request with a reply of the first message.
     let server = move |request: Request| {
         log.with(|seen: &mut Vec<Request>| seen.push(request));
         let (payload, meant_for) = (b"boxes".as_slice().into(), Some(0));
@@ -520,7 +522,7 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     server.kill();
 }
 
-/// E7: a request that is of something else than its message says so itself.
+/// A request that has a lineage of its own keeps it, instead of the message's (E7).
 #[tokio::test]
 async fn a_requests_own_lineage_is_sent_as_it_is() {
     let own = RequestLineage { seq: Some(9), age_ns: Some(5), ..RequestLineage::default() };

@@ -1,5 +1,5 @@
-//! Threads and blocking: what holds up an operator is counted and logged, encoding has a place of its own, and a local that
-//! hangs is replaced or reported.
+//! Tests threads and blocking: handlers that block an operator are counted and logged, encoding
+//! runs on a thread of its own, and a local computation that hangs is replaced or reported.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
@@ -18,7 +18,7 @@ use crate::support::{ClosureOperator, play};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Local at once, and one cloud with this handle.
+/// Registers one cloud with this handle, and returns a local computation that answers at once.
 fn with_cloud<Fut>(
     setup: &mut Setup<u64, String>,
     handle: impl Fn(u64, Call) -> Fut + Send + Sync + 'static,
@@ -36,7 +36,8 @@ async fn a_handle_that_blocks_its_thread_is_counted_and_one_that_waits_is_not() 
         ClosureOperator(move |setup: &mut Setup<u64, String>| {
             with_cloud(setup, move |n, _| async move {
                 if is_blocking {
-                    // On a clock that stands still: nothing else has a turn meanwhile.
+                    // This advances the paused clock within one poll, so nothing else runs in the
+                    // meantime.
                     advance(400 * MS).await;
                 } else {
                     sleep(400 * MS).await;
@@ -63,7 +64,7 @@ async fn a_message_handler_that_panics_and_a_situation_are_counted() {
     assert_eq!((tally.handler_failures, tally.sources[1].handler_failures), (2, 2));
 }
 
-/// D11.
+/// Handlers of states, substitutes and hints that panic are counted (D11).
 #[tokio::test(start_paused = true)]
 async fn handlers_of_states_substitutes_and_hints_that_panic_are_counted() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
@@ -79,7 +80,7 @@ async fn handlers_of_states_substitutes_and_hints_that_panic_are_counted() {
         local.deadline = Some(10 * MS);
         local
     });
-    // One result is sent, one message is missed, and its result is late.
+    // Two results are sent. One message is missed, and its result is late.
     let tally = play(operator, Config::default(), &[0, 10, 50]).await.tally;
     assert_eq!((tally.forwarded(), tally.missed, tally.handler_failures), (2, 1, 4));
 }
@@ -122,7 +123,8 @@ async fn what_blocks_the_thread_is_counted_and_encoding_is_not() {
     assert!(left.lock().unwrap().iter().all(|left| *left <= 29_800 * MS));
 }
 
-/// D6: the one thread for blocking work is busy until the call was aborted.
+/// An encoding does not begin after its call was aborted. The only thread for blocking work is busy
+/// until then (D6).
 #[test]
 fn an_encoding_does_not_begin_once_its_call_was_aborted() {
     let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(1).build();
@@ -143,7 +145,7 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
         writer.write(0).unwrap();
         let item = output.read().await.unwrap();
         assert_eq!(item.forwarded().unwrap().value, "local 0");
-        // An aborted call is dropped on this thread.
+        // Let this thread drop the aborted call.
         for _ in 0..100 {
             tokio::task::yield_now().await;
         }
@@ -151,13 +153,13 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
         running.stop();
         running.join().await.unwrap();
         blocked.await.unwrap();
-        // Tasks that waited before it have had their turn.
+        // When this task has run, all tasks that were queued earlier have run too.
         spawn_blocking(|| ()).await.unwrap();
     });
     assert_eq!(begun.load(Ordering::Relaxed), 0);
 }
 
-/// Waits until it is set free.
+/// A lock that holds threads until it is released.
 type Hold = Arc<(Mutex<bool>, Condvar)>;
 
 fn hold(hold: &Hold) {
@@ -185,13 +187,14 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
     let mut local = Local::threads(1, move || compute(Arc::clone(&anew)));
     local.deadline = Some(200 * MS);
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
-    // On a busy host others may be late, but not forever.
+    // On a busy host later messages may be missed too, but not all of them.
     let is_over = |items: &[String]| items.len() == 100 || items.iter().any(|it| it != "missed");
     let (items, _) = real_time_until(operator, Config::default(), is_over).await;
     assert_eq!(items[0], "missed");
     assert!(items.len() < 100, "no thread took the place of the one that hangs");
 
-    // One function may keep state: it does not run beside itself.
+    // A single blocking function may keep state, so it never runs twice at the same time and is not
+    // replaced.
     let mut local = Local::blocking(compute(Arc::clone(&held)));
     (local.deadline, local.replaceable) = (Some(200 * MS), 9);
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
@@ -201,12 +204,12 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
     release(&held);
 }
 
-/// D8: as many threads as before, once what hung has ended.
+/// Once a hung computation has ended, there are as many threads as before (D8).
 #[tokio::test]
 async fn a_thread_that_was_replaced_ends_with_its_computation() {
     let (held, thread) = (Hold::default(), Arc::new(()));
     let (hung, mine) = (Arc::clone(&held), Arc::clone(&thread));
-    // A thread drops the function that it computes with when it ends.
+    // A thread drops its compute function when it ends, so clones of `thread` count the threads.
     let mut local = Local::threads(1, move || {
         let (hung, mine) = (Arc::clone(&hung), Arc::clone(&mine));
         move |n: &u64, _: u64| {
@@ -248,7 +251,8 @@ fn local_has_a_deadline_of_a_second_unless_it_is_set() {
     assert_eq!(Local::<u64, u64>::future(|n, _| async move { Ok(*n) }).deadline, second);
 }
 
-/// Writes this many messages, each once the item of the one before was read; returns what became of them.
+/// Writes this many messages, each after the item of the previous one was read. Returns the
+/// outcomes and the tally.
 async fn real_time<F>(
     operator: ClosureOperator<F>,
     config: Config,
@@ -260,7 +264,7 @@ where
     real_time_until(operator, config, |items| items.len() == len).await
 }
 
-/// The same, until their items are enough.
+/// Does the same, but until `is_over` accepts the outcomes.
 async fn real_time_until<F>(
     operator: ClosureOperator<F>,
     config: Config,

@@ -1,4 +1,5 @@
-//! Lineage through operators: what an output comes from, how old it is, and of which message its value is (A51, D2).
+//! Tests lineage through operators: the origin and the age of an output, and the message that its
+//! value is of (A51, D2).
 
 use std::fs::File;
 use std::io::BufReader;
@@ -15,7 +16,7 @@ use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Reads another operator's items; local takes 20 ms.
+/// An operator that reads another operator's items. Local takes 20 ms.
 struct Tracker;
 
 impl Operator for Tracker {
@@ -57,7 +58,7 @@ async fn the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is()
     let (mut camera, frames) = stream(8);
     let (detector, first) = config("detector", folder.path());
     let (tracker, second) = config("tracker", folder.path());
-    // The second message takes longer than the third.
+    // The second message takes longer than the others.
     let detecting = ClosureOperator(|_: &mut _| {
         Local::futures(9, |frame: std::sync::Arc<u64>, _| async move {
             sleep(if *frame == 1 { 50 * MS } else { 10 * MS }).await;
@@ -108,12 +109,14 @@ async fn the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is()
     assert_eq!(opens(&second)[3], lineage(150, 3, 80, 41));
 }
 
-/// D2.
+/// A stamped cloud states the message that its value is of, and a value that is too old is a
+/// failure (D2).
 #[tokio::test(start_paused = true)]
 async fn a_stamped_cloud_says_of_which_message_its_value_is_and_one_that_is_too_old_is_a_failure() {
     let folder = tempfile::tempdir().unwrap();
     let (config, path) = config("detector", folder.path());
-    // The reply is that of two messages before, as of a connection on which one reply was left unread.
+    // From the second message on, the cloud returns the previous message's reply, as if one reply
+    // had been left unread on the connection. For the fourth message it returns an even older one.
     let last = SharedState::new(Vec::new());
     let mixed_up = ClosureOperator(move |setup: &mut fuseline_tokio::Setup<u64, String>| {
         let handle = move |frame: u64, call: Call| {
@@ -151,7 +154,7 @@ async fn a_stamped_cloud_says_of_which_message_its_value_is_and_one_that_is_too_
         sleep(10 * MS).await;
     }
     drop(camera);
-    // 1's value is 0's, which is 10 ms and that message's 1 ms older than 1.
+    // Message 1 gets the value of message 0, which was captured 11 ms earlier.
     let expected =
         [("of 0", Some(0), 1), ("of 0", Some(0), 12), ("of 1", Some(1), 12), ("local", None, 5)];
     assert_eq!(seen, expected.map(|(value, of, age)| (value.to_owned(), of, age)));
@@ -162,7 +165,7 @@ async fn a_stamped_cloud_says_of_which_message_its_value_is_and_one_that_is_too_
     assert!(trace.contains(r#"{"ev":"fail","at":"#), "{trace}");
 }
 
-/// D18: a policy on a server replies with the action for another tick.
+/// A server's action that is meant for another tick is a failure (D18).
 #[tokio::test(start_paused = true)]
 async fn spliced_action_is_a_failure() {
     let folder = tempfile::tempdir().unwrap();

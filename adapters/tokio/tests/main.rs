@@ -1,4 +1,5 @@
-//! One program of all tests that need no process of their own: it is built once, and what waits overlaps.
+//! Collects all tests that need no process of their own into one program, which is linked once and
+//! runs them in parallel.
 
 #[path = "support/floor.rs"]
 mod drawn_floor;

@@ -1,4 +1,4 @@
-//! Memory after many calls is as it was after some, on one thread and on several.
+//! Tests that many calls use no more memory than a few do, on one thread and on several.
 
 use std::alloc::System;
 use std::future::{Ready, ready};
@@ -18,8 +18,8 @@ const SECOND: Duration = Duration::from_secs(1);
 #[global_allocator]
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Its cloud answers, fails, panics and is too late, by turns; local computes in tasks or in threads. Every fourth message
-/// has a side request.
+/// An operator whose cloud answers, fails, panics and is too late in turn. Local computes in tasks
+/// or in threads. Every fourth message has a side request.
 struct ChangeableOperator {
     has_threads: bool,
 }
@@ -59,7 +59,7 @@ async fn messages(writer: &mut Writer<u64>, output: &mut Items<u64>, count: u64)
     }
 }
 
-/// Answers at once.
+/// A service that answers at once.
 #[derive(Clone)]
 struct EchoService;
 
@@ -83,7 +83,7 @@ async fn requests(service: &mut FallbackService<u64, u64>, count: u64) {
     }
 }
 
-/// D8.
+/// Many calls leave no memory behind (D8).
 #[test]
 fn many_calls_leave_no_memory_behind() {
     std::panic::set_hook(Box::new(|_| {}));
@@ -97,7 +97,8 @@ fn many_calls_leave_no_memory_behind() {
             let (mut writer, input) = stream(8);
             let operator = ChangeableOperator { has_threads };
             let (running, mut output) = spawn(operator, Config::default(), input).unwrap();
-            // By then everything that is remembered of the last 1024 messages is there.
+            // After this many messages, everything that is remembered about the last 1024 messages
+            // is allocated.
             messages(&mut writer, &mut output, 1500).await;
             let before = ALLOCATED.allocated();
             messages(&mut writer, &mut output, 3000).await;

@@ -1,4 +1,4 @@
-//! Messages: one encoding for several clouds, and items that carry them.
+//! Tests that several clouds share one encoding of a message, and that items carry their messages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,4 +1,4 @@
-//! Cases of misuse from Rust: each is refused with the remedy, or reported; none ends in silence.
+//! Tests misuse from Rust. Each case is refused with the remedy or reported, and none is silent.
 //!
 //! The line `misuse:` of each says what the caller does and what happens; `docs/safety/make` makes the book's table of them.
 //! `fuseline-faults` removes each check of `docs/safety/misuse-guards` once, and its case must fail.
@@ -22,7 +22,7 @@ const MS: Duration = Duration::from_millis(1);
 
 type Clouds = Setup<u64, String>;
 
-/// Local after 20 ms.
+/// Returns a local computation that takes 20 ms.
 fn local() -> Local<u64, String> {
     Local::future(|n, _| async move {
         sleep(20 * MS).await;
@@ -35,7 +35,7 @@ fn cloud(setup: &mut Clouds, priority: u16, deadline: Duration) -> &mut fuseline
     setup.use_cloud(handle, move |n, _| Some((*n, deadline)), |n| Ok(format!("{n}")), priority)
 }
 
-/// Plays messages on a clock that stands still.
+/// Plays messages on a paused clock.
 async fn played(
     prepare: impl FnOnce(&mut Clouds) -> Local<u64, String>,
     config: Config,
@@ -219,7 +219,7 @@ async fn a_local_that_never_ends() {
 async fn a_handle_that_blocks() {
     let prepare = |setup: &mut Clouds| {
         let handle = |n: u64, _| async move {
-            // The clock moves within one poll.
+            // The clock advances within one poll.
             advance(400 * MS).await;
             Ok(n)
         };

@@ -1,5 +1,5 @@
-//! Tests what is logged about clouds that are gone. This is one test, because a program has one cache of who
-//! listens to which event.
+//! Tests what is logged about clouds that are gone. There is only one test, because a program has
+//! one cache of which subscriber listens to which event.
 
 #[expect(dead_code, reason = "it is of the other tests too")]
 mod support;
@@ -14,7 +14,8 @@ use tokio::time::sleep;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// D15: a cloud that is gone for a minute of a camera's 600 frames has a line at first and every ten seconds.
+/// A cloud that is gone for a minute, or 600 frames of a camera, is logged at first, every ten
+/// seconds, and when it is back (D15).
 #[tokio::test(start_paused = true)]
 async fn a_cloud_that_is_gone_is_logged_at_first_every_ten_seconds_and_once_it_is_back() {
     let log = LogLines::default();

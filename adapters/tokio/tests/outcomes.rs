@@ -6,7 +6,7 @@ use crate::support::SourceAction::{Answers, Fails, Never, Panics};
 use crate::support::{CloudScript, Script, play, play_default};
 use fuseline_tokio::{Commit, Config, DropReason, Latency, OfferRefusal, OpenRefusal, SourceTally};
 
-/// D6.
+/// A local result after its deadline is late, and local is never aborted (D6).
 #[tokio::test(start_paused = true)]
 async fn local_past_its_deadline_is_late_and_never_aborted() {
     let script = Script {
@@ -19,7 +19,7 @@ async fn local_past_its_deadline_is_late_and_never_aborted() {
     assert_eq!(played.tally.sources[0].dropped.get(&DropReason::Late), Some(&1));
 }
 
-/// D2.
+/// The best held result is sent when the first timer fires (D2).
 #[tokio::test(start_paused = true)]
 async fn the_best_held_result_goes_when_the_first_timer_fires() {
     let script = || {
@@ -30,7 +30,8 @@ async fn the_best_held_result_goes_when_the_first_timer_fires() {
         )
     };
     let played = play_default(script(), &[0]).await;
-    // Cloud 2's result is held; its own timer and cloud 1's go on, and cloud 1's is the first.
+    // Cloud 2's result is held. Its own timer and cloud 1's keep running, and cloud 1's fires
+    // first.
     assert_eq!(played.items, "100.000 ms: 0 cloud 2 by timer from 60 ms\n");
 
     let patient = Config { commit: Commit::Patient, ..Config::default() };
@@ -38,14 +39,15 @@ async fn the_best_held_result_goes_when_the_first_timer_fires() {
     assert_eq!(played.items, "200.000 ms: 0 cloud 3 by arrival from 200 ms\n");
 }
 
-/// D4.
+/// A slow network fills the queue, which shuts the gate until the queue is empty (D4).
 #[tokio::test(start_paused = true)]
 async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     let mut script = Script::new();
     let slow = CloudScript { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
     script.clouds.push(slow);
-    // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and
-    // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.
+    // One call is under way, two requests wait, and the fourth is refused. At 100 ms the first
+    // timer fires and the second call starts. One request still waits, so the gate stays shut. At
+    // 130 ms the queue is empty.
     let played = play_default(script, &[0, 10, 20, 30, 105, 130]).await;
     let cloud = &played.tally.sources[1];
     assert_eq!(cloud.refused.get(&OfferRefusal::Queue), Some(&2));
@@ -59,7 +61,7 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     assert_eq!(cloud.sent_bytes, 400);
 }
 
-/// D1, D11.
+/// Each message of a long run in which everything goes wrong is answered once (D1, D11).
 #[tokio::test(start_paused = true)]
 async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_once() {
     let local = |t| match t % 11 {
@@ -101,7 +103,7 @@ fn tallied(tally: &fuseline_tokio::Tally) -> CountedOutcomes {
     CountedOutcomes { forwarded: tally.forwarded(), missed: tally.missed, refused }
 }
 
-/// E3: what was refused was not computed.
+/// Latency is measured only for accepted messages, because a refused message is not computed (E3).
 #[tokio::test(start_paused = true)]
 async fn a_latency_is_measured_of_the_messages_that_were_taken_on() {
     let latency = Latency::measured(1, Duration::ZERO);

@@ -1,4 +1,5 @@
-//! Operators as a graph under one end-to-end deadline: budgets, joins, order, substitutes (E1 to E9).
+//! Tests graphs of operators under one end-to-end deadline: budgets, joins, order and substitutes
+//! (E1 to E9).
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -12,7 +13,8 @@ use tokio::time::{Instant, advance, sleep, timeout};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Computes another operator's items within a time; gives a substitute for what is missed, if it is to.
+/// An operator that works on another operator's items. It sends substitutes for missed messages if
+/// it is told to.
 struct Next {
     takes: Duration,
     substitute: bool,
@@ -35,7 +37,8 @@ impl Operator for Next {
     }
 }
 
-/// Local takes as many milliseconds as the message says; nothing comes of 0.
+/// Returns an operator whose local takes as many milliseconds as the message says, and never ends
+/// for 0.
 fn takes_ms(
     setup: impl FnOnce(&mut Setup<u64, String>),
 ) -> impl Operator<Input = u64, Output = String> {
@@ -63,7 +66,8 @@ async fn all<T: Clone>(mut items: fuseline_tokio::Reader<T>) -> Vec<T> {
     all
 }
 
-/// E1, E2, E4: whatever hangs, each message leads to one item of the last operator, by the end-to-end deadline.
+/// Whatever hangs, each message leads to one item of the last operator by the end-to-end deadline
+/// (E1, E2, E4).
 #[tokio::test(start_paused = true)]
 async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_deadline() {
     let (mut camera, frames) = stream(8);
@@ -74,7 +78,7 @@ async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_
     let next = Next { takes: 40 * MS, substitute: true };
     let (_next, plans) = spawn(next, config([]), boxes).unwrap();
     let start = Instant::now();
-    // The second hangs; the third comes when its deadline is over.
+    // The second message hangs, and the third comes when its deadline is already over.
     for (ms, age) in [(50, 0), (0, 0), (50, 200), (0, 170)] {
         let captured = (start - age * MS).into_std();
         camera.write_with(ms, Lineage::new("camera", ms, captured).within(200 * MS)).unwrap();
@@ -83,7 +87,7 @@ async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_
     let (mut ends, mut plans) = (Vec::new(), plans);
     while let Some(item) = plans.read().await {
         let age = item.lineage.as_ref().and_then(|lineage| lineage.age(Instant::now())).unwrap();
-        // E7.
+        // The item's age is the lineage's, and a substitute has none (E7).
         assert_eq!(item.age, item.substitute.is_none().then_some(age));
         ends.push((age.as_millis(), item.value().cloned().unwrap()));
     }
@@ -91,7 +95,7 @@ async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_
     let expected = [
         (90, "next of 50"),
         (180, "next of old boxes"),
-        // Each of the two timers may be 1 ms late.
+        // Two timers are involved, and each may be 1 ms late.
         (202, "instead of 0"),
         (202, "instead of 1"),
     ];
@@ -102,7 +106,7 @@ async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_
     }
 }
 
-/// E4: it is marked, and the counts stay those of the machine.
+/// A substitute is marked as such, and its message still counts as missed (E4).
 #[tokio::test(start_paused = true)]
 async fn a_substitute_is_marked_and_the_message_stays_missed() {
     let (mut camera, frames) = stream(8);
@@ -127,7 +131,7 @@ async fn a_substitute_is_marked_and_the_message_stays_missed() {
     assert_eq!(running.join().await.unwrap().missed, 3);
 }
 
-/// E3: a measured reserve follows what the operator downstream takes.
+/// A measured reserve follows the time that the operator downstream takes (E3).
 #[tokio::test(start_paused = true)]
 async fn a_measured_reserve_leaves_what_the_next_operator_takes() {
     let latency = Latency::measured(100, Duration::ZERO);
@@ -151,7 +155,7 @@ async fn a_measured_reserve_leaves_what_the_next_operator_takes() {
     assert_eq!((&*left[0], &*left[19]), ("next of left 200", "next of left 160"));
 }
 
-/// E5, E7: two operators of one camera, joined again.
+/// Joins the items of two operators that read the same camera (E5, E7).
 #[tokio::test(start_paused = true)]
 async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
     let (mut camera, frames) = stream(9);
@@ -159,7 +163,7 @@ async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
     let (_fast, fast) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
     let slow = ClosureOperator(|_: &mut _| {
         Local::futures(9, |ms: Arc<u64>, _| async move {
-            // The last of them are missed.
+            // Messages above 20 are missed.
             sleep(30 * MS).await;
             if *ms > 20 { Err("broken".into()) } else { Ok(format!("slow {ms}")) }
         })
@@ -184,7 +188,7 @@ async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
     assert_eq!(tally.given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 3)]);
 }
 
-/// A scene that two cameras and a localization see.
+/// The joined inputs of two cameras and a localization.
 #[derive(Clone, Default, Debug)]
 struct Scene {
     left: Option<u64>,
@@ -192,7 +196,8 @@ struct Scene {
     place: Option<u64>,
 }
 
-/// E5, E6: a sensor that dies, one that ends, one that is late, and one that is old.
+/// A join does not wait for a sensor that died, and each set names its missing inputs. Sensors die,
+/// end, are late, and send old values (E5, E6).
 #[tokio::test(start_paused = true)]
 async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     let (mut left, left_frames) = stream(9);
@@ -219,7 +224,7 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     let set = sets.read().await.unwrap();
     assert_eq!(reported(&set), (0, (Some(1), Some(1), None), "place".into()));
     place.write_with(70, of("place", 0)).unwrap();
-    // The right camera is dead for one frame, and then late.
+    // The right camera misses one frame, which then comes late.
     left.write_with(2, of("left", 2)).unwrap();
     let set = sets.read().await.unwrap();
     assert_eq!(reported(&set), (20, (Some(2), None, Some(70)), "right".into()));
@@ -246,7 +251,8 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     assert_eq!(tally.missing.values().sum::<u64>(), 5);
 }
 
-/// D7, D11, E5: after what is old, panics, ends or comes late a join goes on, and counts it.
+/// A join continues after old values, panics, ended inputs and late messages, and it counts what it
+/// drops (D7, D11, E5).
 #[tokio::test(start_paused = true)]
 async fn a_join_keeps_the_latest_of_an_input_that_ended_and_goes_on_after_a_handler_that_panics() {
     let (mut left, frames) = stream(9);
@@ -259,7 +265,7 @@ async fn a_join_keeps_the_latest_of_an_input_that_ended_and_goes_on_after_a_hand
     });
     let (running, mut sets) = join.spawn().unwrap();
     let captured = |seq, age: u32| Lineage::new("left", seq, Instant::now() - age * MS);
-    // The age counts from the capture, not from the arrival.
+    // Ages count from the capture, not from the arrival.
     for (key, (value, age, expected)) in
         (0..).zip([(1, 0, Some(1)), (2, 101, None), (13, 0, None), (3, 100, Some(3))])
     {
@@ -280,7 +286,7 @@ async fn a_join_keeps_the_latest_of_an_input_that_ended_and_goes_on_after_a_hand
     assert_eq!(dropped, [1, 1]);
 }
 
-/// E5: of two inputs with many messages none is read before the other.
+/// A join reads two inputs with many messages in turn (E5).
 #[tokio::test(start_paused = true)]
 async fn the_inputs_of_a_join_take_turns() {
     let (mut left, left_frames) = stream(300);
@@ -300,7 +306,8 @@ async fn the_inputs_of_a_join_take_turns() {
     assert_eq!(given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 300)]);
 }
 
-/// E7: control acts at each tick by the newest plan, and is as old as the frame behind that; without one it is of the tick.
+/// A controller's set at each tick belongs to the newest plan and is as old as the frame behind
+/// that plan. Without a fresh plan it belongs to the tick (E7).
 #[tokio::test(start_paused = true)]
 async fn sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones() {
     let (mut tick, ticks) = stream(9);
@@ -333,7 +340,7 @@ async fn sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones() {
     assert_eq!(error, "\"tick\" is not a latest-value input of this join; name one that is");
 }
 
-/// E8: a reader that lags holds a join back, which loses nothing of what it took in.
+/// A reader that lags delays a join, which loses none of the messages that it accepted (E8).
 #[tokio::test(start_paused = true)]
 async fn a_join_whose_reader_lags_takes_nothing_in() {
     let (mut left, frames) = stream(4);
@@ -347,7 +354,8 @@ async fn a_join_whose_reader_lags_takes_nothing_in() {
         written +=
             u64::from(left.write_with(1, Lineage::new("left", written, Instant::now())).is_ok());
     }
-    // One is to be read, one waits for room, four are not taken in.
+    // One set is ready to be read, one waits for room, and four messages are still in the input
+    // stream.
     assert_eq!(written, 6);
     drop(left);
     for key in 0..6 {
@@ -357,7 +365,7 @@ async fn a_join_whose_reader_lags_takes_nothing_in() {
     assert!(Join::<Scene>::new(JoinConfig { output_len: 0, ..config }).spawn().is_err());
 }
 
-/// E8: what is given at the end waits for a reader that lags.
+/// The sets that a join sends at its end wait for a reader that lags (E8).
 #[tokio::test(start_paused = true)]
 async fn the_sets_that_a_join_gives_at_its_end_reach_a_reader_that_lags() {
     let (mut left, frames) = stream(4);
@@ -380,7 +388,7 @@ async fn the_sets_that_a_join_gives_at_its_end_reach_a_reader_that_lags() {
     assert_eq!(running.join().await.given.into_values().sum::<u64>(), 4);
 }
 
-/// E8: the oldest set makes room for one more.
+/// A full join sends its oldest set to make room for another (E8).
 #[tokio::test(start_paused = true)]
 async fn full_join_gives_its_oldest_set() {
     let (mut left, frames) = stream(9);
@@ -400,7 +408,8 @@ async fn full_join_gives_its_oldest_set() {
     assert_eq!((set.key, set.cause), (0, JoinCause::Full));
 }
 
-/// E9.
+/// Items wait for earlier ones until they are due, and timestamps that are passed over are reported
+/// (E9).
 #[tokio::test(start_paused = true)]
 async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_reported() {
     let (mut camera, frames) = stream(9);
@@ -419,12 +428,13 @@ async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over
     while let Some(item) = items.read().await {
         seen.push((item.timestamp, start.elapsed().as_millis()));
     }
-    // The third is missed when its end-to-end deadline is over, which is too late for the fourth to wait.
+    // The third message is missed at its end-to-end deadline, and the fourth item cannot wait for
+    // that long.
     assert_eq!(seen, [(0, 30), (1, 30), (3, 60)]);
     assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
 }
 
-/// D8: no reader, the first or another, is passed over.
+/// Writing waits for the slowest reader, whichever reader that is (D8).
 #[tokio::test(start_paused = true)]
 async fn all_are_written_as_the_slowest_reader_makes_room() {
     let (writer, reader) = stream(1);
@@ -442,7 +452,7 @@ async fn all_are_written_as_the_slowest_reader_makes_room() {
     assert_eq!(ends, (Ok(20), 20, 20));
 }
 
-/// E9.
+/// Items that wait for their turn are given when their operator is stopped (E9).
 #[tokio::test(start_paused = true)]
 async fn what_waits_for_its_turn_is_given_when_its_operator_is_stopped() {
     let (mut camera, frames) = stream(9);
@@ -460,7 +470,8 @@ async fn what_waits_for_its_turn_is_given_when_its_operator_is_stopped() {
     assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(0..1)]);
 }
 
-/// D17.
+/// A local that cannot keep up computes the freshest messages, or with `DropNewest` the oldest
+/// (D17).
 #[tokio::test(start_paused = true)]
 async fn a_local_that_cannot_keep_up_computes_the_freshest() {
     for (overflow, computed) in [(Overflow::DropOldest, [0, 3]), (Overflow::DropNewest, [0, 1])] {
@@ -485,7 +496,7 @@ async fn a_local_that_cannot_keep_up_computes_the_freshest() {
     }
 }
 
-/// E10: a cloud's state is taken over by the messages that begin after its result was sent (A55).
+/// Messages that begin after a cloud's result was sent use the state of that result (E10, A55).
 #[tokio::test(start_paused = true)]
 async fn what_begins_after_a_clouds_result_was_sent_is_computed_from_its_state() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
@@ -503,7 +514,8 @@ async fn what_begins_after_a_clouds_result_was_sent_is_computed_from_its_state()
             let state = state.clone();
             async move {
                 let next = format!("{}l", state.current());
-                // Local computes 1 until the cloud's result was sent, so its own state is not carried.
+                // Local still computes message 1 when the cloud's result is sent, so local's state
+                // is not carried on.
                 sleep(if t == 1 { 35 * MS } else { MS }).await;
                 state.computed(t, next.clone());
                 Ok(next)
@@ -514,7 +526,8 @@ async fn what_begins_after_a_clouds_result_was_sent_is_computed_from_its_state()
     let (_running, items) = spawn(operator, Config::default(), frames).unwrap();
     for t in 0..7 {
         camera.write(t).unwrap();
-        // The cloud's result for 1 comes before 2, that for 4 after 5 was computed and before 6.
+        // The cloud's result for 1 comes before 2, and its result for 4 comes after 5 was computed
+        // and before 6.
         sleep(if t == 1 || t == 5 { 40 * MS } else { 10 * MS }).await;
     }
     drop(camera);

@@ -1,4 +1,5 @@
-//! The progressive commit rule: each better result at once, the last one marked (F9, D1). Every trace is judged.
+//! Tests the progressive commit rule: each better result is sent at once, and the last one is
+//! marked (F9, D1). Every trace is judged.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -25,7 +26,7 @@ enum Reply {
 }
 use Reply::{After, Never, Panics};
 
-/// Its value names the source and the message.
+/// Acts on a message. The value names the source and the message.
 async fn reply(source: &str, t: u64, reply: Reply) -> Result<String, Error> {
     match reply {
         After(ms) => sleep(ms * MS).await,
@@ -38,7 +39,8 @@ async fn reply(source: &str, t: u64, reply: Reply) -> Result<String, Error> {
     Ok(format!("{source}'s of {t}"))
 }
 
-/// Local after 20 ms, and clouds from priority 1 on, each within 100 ms.
+/// Returns an operator whose local takes 20 ms, with clouds of priorities from 1 on. Each cloud has
+/// a deadline of 100 ms.
 fn operator<const N: usize>(
     clouds: [fn(u64) -> Reply; N],
 ) -> impl Operator<Input = u64, Output = String> {
@@ -82,7 +84,8 @@ async fn each_better_result_is_an_item_at_once_and_the_last_one_is_marked() {
     assert_eq!(played.trace.matches(r#""ev":"final""#).count(), 2);
 }
 
-/// D7, F9: a peer that dies costs the wait for it alone, and what was sent is the last.
+/// If no better result comes, a timer or a failure makes the result that was sent before final (D7,
+/// F9).
 #[tokio::test(start_paused = true)]
 async fn when_no_better_result_comes_what_was_sent_is_final_by_a_timer_or_a_failure() {
     let played = played([|t| if t == 0 { Never } else { Panics(30) }], &[0, 200]).await;
@@ -94,7 +97,7 @@ async fn when_no_better_result_comes_what_was_sent_is_final_by_a_timer_or_a_fail
     assert_eq!((played.tally.forwarded(), played.tally.sources[0].finals), (2, 2));
 }
 
-/// D7.
+/// A call that panics between two outputs takes none back, and the next output reports it (D7).
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_between_two_outputs_takes_none_back_and_is_reported_with_the_next_one()
 {
@@ -116,7 +119,7 @@ async fn a_call_that_panics_between_two_outputs_takes_none_back_and_is_reported_
     assert_eq!(running.join().await.unwrap().forwarded(), 1);
 }
 
-/// D10.
+/// A stop between two outputs leaves the trace complete, and no item is marked as last (D10).
 #[tokio::test(start_paused = true)]
 async fn a_stop_between_two_outputs_leaves_the_trace_whole_and_no_item_marked_last() {
     let folder = tempfile::tempdir().unwrap();
@@ -139,7 +142,7 @@ async fn a_stop_between_two_outputs_leaves_the_trace_whole_and_no_item_marked_la
     assert!(verdict.violations.is_empty() && written.lines().count() == 7, "{verdict}\n{written}");
 }
 
-/// D1.
+/// A reader of only last items reads one for each message, with its value (D1).
 #[tokio::test(start_paused = true)]
 async fn a_reader_of_last_items_alone_reads_one_for_each_message_with_its_value() {
     let (mut camera, frames) = stream(8);
@@ -170,7 +173,7 @@ async fn a_reader_of_last_items_alone_reads_one_for_each_message_with_its_value(
     assert_eq!(last.await.unwrap(), expected);
 }
 
-/// An operator that reads another's last items takes in one for each message.
+/// An operator that reads only another's last items gets one message for each.
 #[tokio::test(start_paused = true)]
 async fn last_items_alone_are_the_messages_of_the_next_operator() {
     struct Tracker(Arc<Mutex<Vec<String>>>);
@@ -199,7 +202,8 @@ async fn last_items_alone_are_the_messages_of_the_next_operator() {
     assert_eq!(*received.lock().unwrap(), ["1's of 1", "local's of 0"]);
 }
 
-/// D8, D1: what waits for a reader that lags is the newest of each message, in the order of decisions.
+/// Only the newest item of each message waits for a reader that lags, in the order of the decisions
+/// (D8, D1).
 #[tokio::test(start_paused = true)]
 async fn a_reader_that_lags_reads_the_newest_item_of_each_message_and_none_twice() {
     let (mut camera, frames) = stream(8);
@@ -213,7 +217,7 @@ async fn a_reader_that_lags_reads_the_newest_item_of_each_message_and_none_twice
     camera.write(2).unwrap();
     drop(camera);
     sleep(1000 * MS).await;
-    // The third message was not taken in while nobody read.
+    // The third message was not accepted while nobody read.
     assert_eq!(running.tally().messages, 2);
     let mut read = Vec::new();
     while let Some(item) = output.read().await {
@@ -233,7 +237,8 @@ async fn a_reader_that_lags_reads_the_newest_item_of_each_message_and_none_twice
     assert_eq!(tally.sources.iter().map(|it| it.preliminary).sum::<u64>(), 6);
 }
 
-/// T1, T2: what the guard promises is about one output a message.
+/// A guard is refused under progressive, because its promise assumes one output for each message
+/// (T1, T2).
 #[tokio::test]
 async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
     let guard = || Guard::new(Parameters::default()).unwrap();
@@ -270,7 +275,7 @@ async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
     assert!(start(Box::new(Constant(50 * MS)), Commit::Progressive).is_ok());
 }
 
-/// A join of the revisions alone: the sets that it gives, and how many messages came too late.
+/// Joins only the revisions. Returns the sets, and how many messages came too late.
 async fn joined(wait: Duration, revisions: Items<String>) -> (Vec<String>, u64) {
     let mut join = Join::new(JoinConfig { wait, ..JoinConfig::default() });
     join.items("boxes", revisions, |set: &mut Option<String>, item| *set = item.value().cloned());
@@ -283,7 +288,8 @@ async fn joined(wait: Duration, revisions: Items<String>) -> (Vec<String>, u64) 
     (given, running.join().await.dropped.remove(&late).unwrap_or_default())
 }
 
-/// E5, E6: an aligned input takes the last revision, or the last so far when its set is due; what comes then opens no other.
+/// An aligned input takes the last revision, or the latest one when its set is due. A revision that
+/// comes later opens no other set (E5, E6).
 #[tokio::test(start_paused = true)]
 async fn a_join_takes_the_last_revision_that_comes_before_its_set_is_due() {
     let (mut camera, frames) = stream(9);
@@ -297,7 +303,7 @@ async fn a_join_takes_the_last_revision_that_comes_before_its_set_is_due() {
     assert_eq!(hasty.await.unwrap(), (vec!["1's of 0".to_owned()], 1));
 }
 
-/// E5: an input of which only the newest is needed takes each revision, and a mark that none follows takes no value away.
+/// A latest-value input takes each revision, and a final item without a value removes none (E5).
 #[tokio::test(start_paused = true)]
 async fn a_latest_input_takes_each_revision_and_none_from_a_mark() {
     let (mut camera, frames) = stream(9);

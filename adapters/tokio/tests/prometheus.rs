@@ -1,4 +1,4 @@
-//! Metrics as Prometheus sees them. A program has one metrics recorder.
+//! Tests the metrics that Prometheus reads. A program has only one metrics recorder.
 #![cfg(feature = "prometheus")]
 
 use std::io::{Read, Write};
@@ -32,7 +32,7 @@ fn served() -> SocketAddr {
     *ADDRESS.get_or_init(|| {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        // Outside of a test's runtime, which ends with the test.
+        // The server must not run on a test's runtime, which ends with the test.
         let serve = move || prometheus(address).is_ok();
         assert!(!std::thread::spawn(serve).join().unwrap(), "the address is taken");
         drop(listener);
@@ -73,7 +73,7 @@ async fn counters_and_histograms_are_served_over_http() {
     }
 }
 
-/// Its messages are speeds, in m/s.
+/// An operator whose messages are speeds in m/s.
 struct Vehicle;
 
 impl Operator for Vehicle {
@@ -90,7 +90,7 @@ impl Operator for Vehicle {
     }
 }
 
-/// D11: the deadline in force and why, as the speed changes while the operator runs.
+/// The deadline in force and its reason follow the speed from one scrape to the next (D11).
 #[tokio::test(flavor = "multi_thread")]
 async fn d11_the_deadline_in_force_and_why_follow_the_speed_from_one_scrape_to_the_next() {
     served();

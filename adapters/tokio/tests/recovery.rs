@@ -1,4 +1,5 @@
-//! After a disturbance of any kind an operator is as before, and however long it waits, each timer goes off at its own instant.
+//! Tests that an operator recovers from any disturbance, and that each timer fires at its own
+//! instant, however far away that is.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -13,7 +14,8 @@ use tokio::time::{Instant, sleep};
 const MS: Duration = Duration::from_millis(1);
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// P8, F5, D9: beyond a day, a year, and what the runtime's wheel of timers holds.
+/// Timers fire at their own instants after a day, a year, and beyond the range of the runtime's
+/// timer wheel (P8, F5, D9).
 #[tokio::test(start_paused = true)]
 async fn each_timer_goes_off_at_its_own_instant_however_far() {
     let days = [1, 2, 40, 366, 900].map(|days: u32| days * 24 * HOUR + days * MS);
@@ -47,7 +49,7 @@ async fn each_timer_goes_off_at_its_own_instant_however_far() {
     assert_eq!(running.join().await.unwrap().missed, 0);
 }
 
-/// Everything that a source can do wrong, again and again.
+/// Returns a source's action, which goes wrong in every way in turn.
 fn disturbed(t: u64) -> SourceAction {
     match t % 5 {
         0 => SourceAction::Fails(3),
@@ -58,7 +60,8 @@ fn disturbed(t: u64) -> SourceAction {
     }
 }
 
-/// D6, D7, D8, D13: places, queues, gates and tasks.
+/// After any disturbance of places, queues, gates and tasks, a message is answered as the first one
+/// was (D6, D7, D8, D13).
 #[tokio::test(start_paused = true)]
 async fn after_any_disturbance_a_message_is_answered_as_the_first_was() {
     const LAST: u64 = 400;
@@ -68,7 +71,8 @@ async fn after_any_disturbance_a_message_is_answered_as_the_first_was() {
         let local: fn(u64) -> SourceAction = if local_disturbed {
             |t| match t {
                 0 | LAST => SourceAction::Answers(20),
-                // F7: a computation that never ends keeps its place; there are only so many.
+                // This one ends late instead of never, because a computation that never ends would
+                // keep its place (F7).
                 t if t % 5 == 2 => SourceAction::Answers(3000),
                 t => disturbed(t),
             }
@@ -83,13 +87,14 @@ async fn after_any_disturbance_a_message_is_answered_as_the_first_was() {
         let cloud = CloudScript { priority: 1, deadline_ms: 100, act, limit: 3, calls: 2 };
         let clouds = vec![cloud, CloudScript { priority: 2, act: disturbed, ..cloud }];
         let script = Script { local, deadline: Some(200 * MS), clouds };
-        // As fast as it cannot keep up with, and then, after a minute, one alone.
+        // The messages come too fast for the operator. After a minute one more comes.
         let mut at: Vec<u64> = (0..LAST).map(|t| if t == 0 { 0 } else { 1000 + t * 7 }).collect();
         at.push(60_000);
         let run = play(script, Config { window: 4, ..Config::default() }, &at).await;
         let first = run.items.lines().next().unwrap().to_owned();
         let last = run.items.lines().last().unwrap().to_owned();
-        // Both at the same time after they came, of the same source, for the same reason.
+        // Both outputs come equally long after their messages, from the same source and for the
+        // same reason.
         assert_eq!(first, "40.000 ms: 0 cloud 1 by arrival from 40 ms");
         assert_eq!(last, "60040.000 ms: 400 cloud 1 by arrival from 60040 ms", "{}", run.items);
     }
@@ -97,7 +102,7 @@ async fn after_any_disturbance_a_message_is_answered_as_the_first_was() {
     assert_eq!(tasks(), before, "tasks are left");
 }
 
-/// Notes how calls ended, and gives each request as long as may be.
+/// A policy that records the known speeds and chooses the cap.
 struct NotingPolicy(Arc<Mutex<Vec<Option<f64>>>>);
 
 impl Policy for NotingPolicy {
@@ -110,7 +115,8 @@ impl Policy for NotingPolicy {
     fn ended(&mut self, _: End) {}
 }
 
-/// D7: an old speed would be believed, though the vehicle may be faster by now.
+/// After a situation handler has failed, no speed is known until it returns one. The vehicle may be
+/// faster than at the last known speed (D7).
 #[tokio::test(start_paused = true)]
 async fn after_a_handler_of_situations_failed_no_speed_is_known_until_it_says_one() {
     let speeds = Arc::new(Mutex::new(Vec::new()));

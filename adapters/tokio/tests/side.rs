@@ -1,5 +1,5 @@
-//! Tests of what helps local with later messages: side requests, hints, and state that they share
-//! with it.
+//! Tests side requests and hints, which help local with later messages, and the state that they
+//! share with local.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -26,7 +26,7 @@ use ServiceAction::{Answers, Fails, Hangs, Panics};
 
 type Plan = SharedState<String>;
 
-/// A plan says for which message it was requested, and when.
+/// Acts on a request for a plan. The plan names its message and the instant of the request.
 async fn plan(does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     match does {
@@ -44,7 +44,8 @@ async fn plan(does: ServiceAction, t: u64, start: Instant) -> Result<String, Err
     Ok(format!("plan of {t} from {requested} ms"))
 }
 
-/// Local takes 20 ms and says which plan it had when it began.
+/// Returns a local computation that takes 20 ms. Its result names the plan that it had when it
+/// began.
 fn local(plan: &Plan) -> Local<u64, String> {
     let plan = plan.clone();
     Local::futures(64, move |_, t| {
@@ -56,7 +57,7 @@ fn local(plan: &Plan) -> Local<u64, String> {
     })
 }
 
-/// A side request that keeps each plan, for 100 ms at most.
+/// Registers a side request with a deadline of 100 ms that stores each plan.
 fn planner(setup: &mut Setup<u64, String>, last_plan: &Plan, action: fn(u64) -> ServiceAction) {
     let start = Instant::now();
     let last_plan = last_plan.clone();
@@ -71,7 +72,7 @@ fn planner(setup: &mut Setup<u64, String>, last_plan: &Plan, action: fn(u64) -> 
     setup.use_side_request(handle, |_, t| Some((t, 100 * MS)), response_handler);
 }
 
-/// Plays it at these milliseconds; its items, and what its side requests counted.
+/// Plays messages at these milliseconds. Returns the items and the tallies of the side requests.
 async fn watched(
     messages: &[u64],
     config: Config,
@@ -161,7 +162,7 @@ async fn a_plan_requested_as_of_a_cloud_would_hold_locals_output_back() {
     assert_eq!(played.items, "100.000 ms: 0 local's of 0 by none by timer from 20 ms\n");
 }
 
-/// F2: what is due at once is refused, as a cloud's request is.
+/// A side request with a deadline of 0 is refused, as a cloud's request is (F2).
 #[tokio::test(start_paused = true)]
 async fn a_side_request_without_time_is_refused() {
     let setup = |setup: &mut Setup<u64, String>| {
@@ -190,8 +191,9 @@ async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_unt
         (side.calls, side.limit, side.resume) = (1, 2, 0);
         local(&Plan::new("none".into()))
     };
-    // 0 is called, 1 and 2 wait, 3 is refused; 1 is called at 60 ms with 50 ms left, so that it ends
-    // at 110 ms, as it is due; 2 is called then with 10 ms left. At 115 ms nothing waits any more.
+    // 0 is called, 1 and 2 wait, and 3 is refused. 1 is called at 60 ms with 50 ms left, so it ends
+    // at 110 ms, when it is due. Then 2 is called with 10 ms left. At 115 ms nothing waits any
+    // more.
     let (items, sides) = watched(&[0, 10, 20, 30, 70, 115], Config::default(), setup).await;
     assert_eq!(items.len(), 6);
     let SideTally { requested, refused, answered, expired, .. } = sides[0];
@@ -339,7 +341,7 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
             sleep(10 * MS).await;
             Ok(format!("quick's of {t}"))
         };
-        // The second message has local alone beside the slow cloud, and it takes 60 ms.
+        // The second message has only local and the slow cloud. Local takes 60 ms.
         let message_handler = |_: &u64, t| (t != 1).then_some((t, 100 * MS));
         setup.use_cloud(quick, message_handler, Ok, 2);
         Local::futures(8, |_, t| async move {

@@ -1,4 +1,5 @@
-//! Timers of the kernel, which no paused clock moves: what they do, not how fast.
+//! Tests the kernel's timers, which a paused clock does not move. The tests check what the timers
+//! do, not how fast.
 #![cfg(target_os = "linux")]
 
 use std::future::pending;
@@ -10,10 +11,10 @@ use tokio::runtime::Builder;
 use tokio::time::timeout;
 
 const MS: Duration = Duration::from_millis(1);
-/// Far longer than it takes; a timer that does not go off must not stop the tests.
+/// Far longer than a test takes, so that a timer that never fires does not stop the tests forever.
 const LONG: Duration = Duration::from_secs(60);
 
-/// Its cloud never answers; a message says how long that is waited for.
+/// An operator whose cloud never answers. Each message is the deadline of its request.
 struct UnansweredOperator;
 
 impl Operator for UnansweredOperator {
@@ -31,8 +32,8 @@ fn config() -> Config {
     Config { timers: Timers::Kernel, greatest_deadline: Duration::MAX, ..Config::default() }
 }
 
-/// P8, D9: each goes by its own timer, none before it, also after the timer was set to a nearer instant, and to
-/// one that had passed by then.
+/// Each item is sent by its own timer and none before it, even after the timer was set to an
+/// earlier instant or to one in the past (P8, D9).
 async fn the_timer_goes_off_at_each_due_instant_and_not_before() {
     let (mut writer, input) = stream(8);
     let (running, mut output) = spawn(UnansweredOperator, config(), input).unwrap();
@@ -43,7 +44,7 @@ async fn the_timer_goes_off_at_each_due_instant_and_not_before() {
         assert_eq!(item.forwarded().unwrap().value, deadline);
         assert!(item.latency() >= deadline, "{:?} of {deadline:?}", item.latency());
     }
-    // Several at once: the nearest first, whatever the order in which they came.
+    // With several at once, the earliest comes first, whatever the order of the messages.
     for deadline in [40 * MS, 10 * MS, 25 * MS] {
         writer.write(deadline).unwrap();
     }

@@ -1,4 +1,4 @@
-//! Fallbacks of rising quality as a tower layer, in virtual time.
+//! Tests fallbacks of rising quality as a tower layer, in virtual time.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -15,7 +15,7 @@ use tower_service::Service;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// A model that answers after a while, or fails then.
+/// A model that answers or fails after a while.
 #[derive(Clone)]
 struct Model {
     name: &'static str,
@@ -64,7 +64,8 @@ impl Service<u64> for Model {
     }
 }
 
-/// On board after 5 ms, nearby within 30 ms, and the best one within 50 ms.
+/// Returns a service that answers on board after 5 ms, with a nearby model within 30 ms and the
+/// best one within 50 ms.
 fn service(nearby: Model, best: Model) -> FallbackService<u64, String> {
     let layer = FallbackLayer::new(model("on board", 5)).fallback(nearby, 30 * MS);
     layer.deadline(50 * MS).layer(best)
@@ -114,7 +115,7 @@ async fn a_request_that_is_given_up_ends_its_calls() {
     drop(answer);
     sleep(MS).await;
     assert_eq!(under_way(), [0, 0]);
-    // And what is outranked ends with the answer.
+    // Outranked calls end with the answer.
     assert!(timeout(21 * MS, service.call(8)).await.is_err());
     sleep(MS).await;
     assert_eq!(under_way(), [0, 0]);

@@ -1,4 +1,5 @@
-//! A server among well-behaved and hostile clients, in virtual time. `VISITORS_SEED=N` repeats one run, `VISITORS=N` makes N runs.
+//! Tests a server among well-behaved and hostile clients, in virtual time. `VISITORS_SEED=N`
+//! repeats one run, and `VISITORS=N` makes N runs.
 #![cfg(feature = "grpc")]
 
 #[path = "support/hostile_clients.rs"]
@@ -18,7 +19,7 @@ fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|number| number.parse().expect("a number"))
 }
 
-/// D6, D8, D12: as the bounds say, and after it as before.
+/// Hostile clients are closed at their bounds and leave nothing behind (D6, D8, D12).
 #[test]
 fn hostile_clients_leave_nothing_behind() {
     let seeds = match number("VISITORS_SEED") {
@@ -32,7 +33,8 @@ fn hostile_clients_leave_nothing_behind() {
     }
 }
 
-/// D6, D8, D9: beyond a day, a year, and what the runtime's wheel of timers holds.
+/// Each bound ends what reached it at its own instant, after a day, a year, and beyond the range of
+/// the runtime's timer wheel (D6, D8, D9).
 #[test]
 fn each_bound_of_a_server_ends_what_reached_it_at_its_own_instant_however_far() {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build();

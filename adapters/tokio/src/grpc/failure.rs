@@ -28,7 +28,7 @@ impl From<Status> for CallError {
     }
 }
 
-// Without a source: the words name the innermost one.
+// There is no source, because the text already names the innermost cause.
 impl Error for CallError {}
 
 impl fmt::Display for CallError {
@@ -43,7 +43,8 @@ impl fmt::Display for CallError {
         }
         match innermost {
             Some(cause) => match cause.downcast_ref() {
-                // HTTP/2 has many texts for it, and which one comes is chance.
+                // HTTP/2 has many texts for a broken connection, and it is chance which of them
+                // comes.
                 Some(io) if is_broken(io) => f.write_str(Self::BROKE),
                 Some(io) => f.write_str(&plain(io)),
                 None if is_transport => f.write_str(Self::BROKE),
@@ -60,9 +61,9 @@ fn is_broken(error: &io::Error) -> bool {
     matches!(error.kind(), BrokenPipe | ConnectionAborted | ConnectionReset | UnexpectedEof)
 }
 
-/// `connection refused`: without the system's number, as the middle of a sentence. The second at
-/// which a certificate was looked at is left out too: with it each second would be a reason of its
-/// own in tallies.
+/// Returns the error's text as part of a sentence, such as `connection refused`, without the
+/// system's error number. The time at which a certificate was verified is left out too, or tallies
+/// would have a new reason for each second.
 fn plain(error: &io::Error) -> String {
     let words = error.to_string();
     if words.contains("InvalidContentType") {

@@ -1,5 +1,5 @@
-//! The `fuseline.v1.Infer` service of `proto/fuseline.proto`, both sides, written by hand so
-//! that no code generator is needed to build it.
+//! The client and the server of the `fuseline.v1.Infer` service in `proto/fuseline.proto`. They are
+//! written by hand, so that the build needs no code generator.
 
 use std::convert::Infallible;
 use std::fmt;
@@ -173,7 +173,7 @@ impl InferClient {
         Req: prost::Message + Send + Sync + 'static,
         Res: prost::Message + Default + Send + Sync + 'static,
     {
-        // The cause is kept.
+        // `from_error` keeps the cause.
         self.0.ready().await.map_err(|error| Status::from_error(error.into()))?;
         let path = PathAndQuery::from_static(method);
         self.0.unary(request, path, ProstCodec::<Req, Res>::default()).await
@@ -202,7 +202,7 @@ where
     }
 }
 
-/// An [`Infer`] of whatever type, so that a server is compiled once and not for each.
+/// An [`Infer`] of any type, so that the server is compiled only once.
 trait BoxedInfer: Send + Sync {
     fn infer(
         self: Arc<Self>,

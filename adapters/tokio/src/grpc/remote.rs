@@ -119,7 +119,7 @@ impl Remote {
         Ok(InterceptedService::new(CountedBody(channel), BearerToken(self.token.clone())))
     }
 
-    /// Makes the channel alone, without counts and token.
+    /// Makes only the channel, without counts and token.
     pub(crate) fn channel(&self) -> Result<Channel, RemoteError> {
         Handle::try_current().map_err(|_| RemoteError::NoRuntime)?;
         let uri: Uri = self.url.parse()?;

@@ -1,4 +1,4 @@
-//! Counts what a connection takes of the calls' requests.
+//! Counts the bytes that a connection takes of the calls' requests.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -33,7 +33,7 @@ impl Service<http::Request<Body>> for CountedBody {
     }
 }
 
-/// A request's body, polled once there is a connection with room for it.
+/// A request's body. It is polled only when a connection has room for it.
 struct Sending {
     body: Body,
     call: Call,

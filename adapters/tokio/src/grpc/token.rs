@@ -1,4 +1,4 @@
-//! Bearer tokens (D12 whom to trust).
+//! Bearer tokens (D12).
 
 use std::fmt;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -77,7 +77,8 @@ impl AuthCheck {
     }
 }
 
-/// Takes equally long wherever they differ, so the time reveals nothing about the token.
+/// Compares in a time that does not depend on where the two differ, so it reveals nothing about the
+/// token.
 fn is_same<T: ConstantTimeEq>(shown: &[T], token: &[T]) -> bool {
     shown.ct_eq(token).into()
 }
@@ -100,7 +101,7 @@ mod tests {
 
     use super::*;
 
-    /// Counts how often it is compared.
+    /// A byte that counts how often it is compared.
     struct Byte<'a>(u8, &'a Cell<usize>);
 
     impl ConstantTimeEq for Byte<'_> {
@@ -110,7 +111,7 @@ mod tests {
         }
     }
 
-    /// D12.
+    /// Every byte is compared, wherever the token that a client shows differs (D12).
     #[test]
     fn every_byte_is_looked_at_wherever_the_token_shown_differs() {
         let token = b"Bearer secret";

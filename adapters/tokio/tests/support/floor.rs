@@ -1,5 +1,5 @@
-//! A pipeline that a seed draws and plays twice, on board alone and with clouds, over the same arrivals and local runtimes
-//! (E11). `fuseline-simulate` plays it too.
+//! Draws a pipeline from a seed and plays it twice, on board alone and with clouds, with the same
+//! arrivals and local runtimes (E11). `fuseline-simulate` plays it too.
 
 use std::collections::BTreeMap;
 use std::future::pending;
@@ -15,8 +15,8 @@ use fuseline_tokio::{
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
-/// The reserve on board beyond the longest computation: tokio's timers are up to 1 ms late, here
-/// and upstream.
+/// The part of the reserve on board that exceeds the longest computation. Timers of tokio are up to
+/// 1 ms late, here and upstream.
 const MARGIN: Duration = Duration::from_millis(4);
 
 /// A condition of E11 that is broken on purpose.
@@ -24,11 +24,12 @@ const MARGIN: Duration = Duration::from_millis(4);
 pub(crate) enum Breach {
     /// All conditions hold.
     None,
-    /// One reserve, which contains the waits for clouds, ends requests and local alike.
+    /// Requests and local end before the same reserve, which includes the waits for clouds.
     OneReserve,
     /// The reserve is shorter than the longest local computation downstream.
     ShortReserve,
-    /// Some operators that others follow have no substitute, so they keep a message until its end-to-end deadline.
+    /// Some operators that are not the last have no substitute, so they keep a message until its
+    /// end-to-end deadline.
     NoSubstitute,
     /// Local computes one message at a time, so messages that clouds delay wait for each other.
     OneWorker,
@@ -36,8 +37,9 @@ pub(crate) enum Breach {
     SmallWindow,
 }
 
-/// For each condition a pipeline that loses a result where it is broken. The seed makes another pipeline once the drawing
-/// changes; then the test says so, and a search from 0 finds another one.
+/// For each condition, the seed of a pipeline that loses a result if the condition is broken. If
+/// the drawing changes, a seed may give a different pipeline. Then the test fails and names another
+/// seed.
 pub(crate) const COUNTEREXAMPLES: [(Breach, u64); 5] = [
     (Breach::OneReserve, 0),
     (Breach::ShortReserve, 1),
@@ -46,15 +48,16 @@ pub(crate) const COUNTEREXAMPLES: [(Breach, u64); 5] = [
     (Breach::SmallWindow, 2),
 ];
 
-/// States how one source treats each message: a runtime, a failure or silence, by the message's key.
+/// Describes how one source treats each message, by the message's key: it takes a while, fails or
+/// hangs.
 #[derive(Clone, Copy, Debug)]
 struct Behaviour {
     least_ms: u32,
     most_ms: u32,
-    /// One in this many messages has no result, or fails; 0 is none.
+    /// One in this many messages hangs, and one in this many fails. 0 means none.
     hangs: u64,
     fails: u64,
-    /// From this key on nothing answers.
+    /// From this key on the source never answers.
     breaks_at: u64,
     seed: u64,
 }
@@ -68,11 +71,11 @@ struct Stage {
     commit: Commit,
     may_lack_substitute: bool,
     sends_last_only: bool,
-    /// The time that it takes longer with its clouds than on board, as stated.
+    /// The stated extra time that it takes with its clouds.
     extra: Duration,
 }
 
-/// A camera: when it begins, how many frames it has, and which of them are not sent.
+/// A camera: when it begins, how many frames it has, and which frames are not sent.
 #[derive(Clone, Copy, Debug)]
 struct Sensor {
     offset: Duration,
@@ -89,20 +92,21 @@ pub(crate) struct Pipeline {
     /// The sensor of each branch, and its operators.
     branches: Vec<(usize, Vec<Stage>)>,
     wait: Duration,
-    /// The operators behind the join, or none if there is one branch.
+    /// The operators behind the join. Empty if there is only one branch.
     tail: Vec<Stage>,
 }
 
-/// By operator and key: whether the message was answered with a result, and its age then.
+/// By operator and key: `true` if the message has a result, and its age at that time.
 type Answers = BTreeMap<(usize, u64), (bool, Duration)>;
 
 /// The value that operators send: the key of the frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Work(u64);
 
-/// A message of any operator: the number of its frame, unless nothing came of the frame upstream.
+/// A message of any operator. Its key is the number of its frame, or `None` if the operators
+/// upstream have no value for it.
 ///
-/// Behind a join an operator computes with the inputs that are there.
+/// Behind a join an operator computes with the inputs that it has.
 trait Keyed {
     fn key(&self) -> Option<u64>;
 }
@@ -171,7 +175,7 @@ impl Stage {
         }
     }
 
-    /// Returns how long it takes, as stated.
+    /// Returns the latency that this operator states.
     fn latency(&self, with_clouds: bool, breach: Breach) -> Latency {
         let longest = if breach == Breach::ShortReserve { MS } else { self.local.most_ms * MS };
         let on_board = longest + MARGIN;
@@ -221,7 +225,7 @@ impl<I: Keyed + Send + Sync + 'static> Operator for Runner<I> {
 }
 
 impl Play<'_> {
-    /// Starts an operator before others that take `after`, and notes its answers.
+    /// Starts an operator whose successors take `after`, and notes its answers.
     fn start<I>(&mut self, stage: &Stage, after: Vec<Latency>, input: Reader<I>) -> Items<Work>
     where
         I: Keyed + Send + Sync + 'static,
@@ -250,11 +254,11 @@ impl Play<'_> {
                 note(&answers, id, &item);
             }
         }));
-        // Under progressive the next operator may take each improvement, or the last item alone.
+        // Under progressive the next operator may read every item or only the last one.
         if stage.sends_last_only { items.last_only() } else { items }
     }
 
-    /// The operators of a chain, behind which `after` follows.
+    /// Starts the operators of a chain whose successors take `after`. Returns the last one's items.
     fn chain(
         &mut self,
         stages: &[Stage],
@@ -324,7 +328,7 @@ impl Play<'_> {
     }
 }
 
-/// Notes whether a message has a result. Under progressive any of its items may be one.
+/// Notes whether a message has a result. Under progressive any of its items may have it.
 fn note(answers: &SharedState<Answers>, id: usize, item: &Item<Work>) {
     let Some(lineage) = item.lineage.as_deref() else { return };
     let key = frame_of(lineage).expect("a sensor's number");
@@ -373,8 +377,8 @@ impl Pipeline {
     }
 }
 
-/// Returns the messages that an operator answers in time on board alone, and does not answer once there are clouds, and how
-/// many it answers on board alone.
+/// Returns the messages that are answered in time on board alone but not with clouds, and the
+/// number of messages that are answered on board alone.
 pub(crate) async fn lost(seed: u64, breach: Breach) -> (Vec<String>, usize) {
     let pipeline = Pipeline::draw(seed);
     // The latencies stated without clouds are right: a breach concerns the pipeline with clouds.

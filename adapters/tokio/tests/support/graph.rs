@@ -1,5 +1,6 @@
-//! A graph of operators that a seed draws: chains, diamonds and joins, with sensors that die, sources that hang and fail, and
-//! readers that lag, and in half of them with one link for all calls. `fuseline-simulate` plays it too.
+//! Draws graphs of operators from a seed: chains, diamonds and joins, with sensors that die,
+//! sources that hang and fail, and readers that lag. In half of the graphs all calls share one
+//! link. `fuseline-simulate` plays them too.
 
 use std::collections::BTreeMap;
 use std::future::pending;
@@ -17,14 +18,14 @@ use tokio::time::{Instant, sleep};
 use super::link::EmulatedLink;
 
 const MS: Duration = Duration::from_millis(1);
-/// The lateness of one timer of tokio.
+/// The greatest lateness of one timer of tokio.
 const LATENESS: Duration = Duration::from_millis(1);
 
-/// A source's way with each message: a time, or never.
+/// Describes how a source treats each message: it takes a while, fails or hangs.
 #[derive(Clone, Copy, Debug)]
 struct Behaviour {
     at_most_ms: u32,
-    /// One in this many messages has no result; 0 is none.
+    /// One in this many messages has no result. 0 means none.
     hangs: u32,
     fails: u32,
 }
@@ -42,7 +43,7 @@ struct Stage {
     wrong: SharedState<Vec<String>>,
 }
 
-/// The vehicle's link, if it has a width, and how many requests found no room in it.
+/// The vehicle's link, if its rate is limited, and the number of requests that it refused.
 #[derive(Clone, Debug)]
 struct DrawnLink {
     link: Option<EmulatedLink>,
@@ -50,7 +51,7 @@ struct DrawnLink {
     refused: SharedState<u64>,
 }
 
-/// A message of any stage: how many stages are behind it.
+/// A message of any stage, with the number of stages that it has passed.
 #[derive(Clone, Default, Debug)]
 struct Work(u32);
 
@@ -75,7 +76,7 @@ impl Behaviour {
 }
 
 impl DrawnLink {
-    /// The draws are apart from those of the graph.
+    /// Draws from a generator of its own, so that the graph's draws stay the same.
     fn draw(seed: u64) -> Self {
         let mut rng = Rng::with_seed(!seed);
         let (rate, queue) = (rng.u64(1..20) * 1_000_000, rng.u64(10..400) * 1_000);
@@ -84,7 +85,7 @@ impl DrawnLink {
         Self { link, request_bytes, refused: SharedState::default() }
     }
 
-    /// A call over the link, which it shares with those of all operators.
+    /// Makes a call over the link, which the calls of all operators share.
     async fn call(self, act: impl Future<Output = Result<Work, Error>>) -> Result<Work, Error> {
         let Some(link) = self.link else { return act.await };
         if !link.pass(LinkDirection::Uplink, self.request_bytes).await {
@@ -165,11 +166,11 @@ impl<I: Send + Sync + 'static> Operator for Runner<I> {
     }
 }
 
-/// One graph, as it is drawn, and what was wrong with it.
+/// One drawn graph, and the errors that were found in it.
 struct DrawnGraph {
     rng: Rng,
     within: Duration,
-    /// Operators of each branch.
+    /// The number of operators in each branch.
     stages: u32,
     is_joined: bool,
     /// The instant at which each frame of each sensor was captured.
@@ -188,7 +189,7 @@ impl DrawnGraph {
         Self { rng, within, stages, is_joined: false, captures, link, wrong }
     }
 
-    /// The last operator's items: of a chain, of a diamond, of several sensors joined.
+    /// Starts a chain, a diamond, or a join of several sensors. Returns the last operator's items.
     fn start(&mut self) -> Items<Work> {
         let sensors = 1 + self.rng.usize(0..3);
         let is_diamond = sensors == 1 && self.rng.bool();
@@ -204,7 +205,7 @@ impl DrawnGraph {
         if self.is_joined { self.join(branches) } else { branches.remove(0) }
     }
 
-    /// A sensor, which may be dead for a while, or end early.
+    /// Starts a sensor, which may be silent for a while or end early.
     fn film(&mut self, sensor: usize) -> Reader<()> {
         let (mut writer, reader) = stream(64);
         let (count, dead_from) = (1 + self.rng.u64(0..20), self.rng.u64(0..40));
@@ -227,7 +228,7 @@ impl DrawnGraph {
     }
 
     fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
-        // The reserve for the branch's other operators, and for the one behind a join.
+        // The reserve is for the branch's later operators and for the operator behind a join.
         let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
         let mut items =
             Stage::draw(&mut self.rng, reserve(0), &self.link, &self.wrong).start(reader);
@@ -251,13 +252,13 @@ impl DrawnGraph {
         Stage::draw(&mut self.rng, Duration::ZERO, &self.link, &self.wrong).start(sets)
     }
 
-    /// Checks an item as it is read; returns the message that it is of.
+    /// Checks an item when it is read. Returns the stream and the number of its message.
     fn check(&self, item: &Item<Work>, reader_lags: bool) -> (String, u64) {
         let lineage = item.lineage.as_ref().expect("each message has a lineage");
         let origin = lineage.origin.as_ref().expect("an origin");
         let (seq, within) = (origin.seq.expect("a number"), self.within);
         let age = lineage.age(Instant::now()).expect("a capture");
-        // A timer of each operator of the branch, of the join and of its operator.
+        // Each operator of the branch, the join, and the operator behind it have one timer.
         if !reader_lags && age > within + (self.stages + 2) * LATENESS {
             self.report(format!("E2: {seq} of {} is {age:?} old of {within:?}", origin.stream));
         }
@@ -271,7 +272,8 @@ impl DrawnGraph {
         (if self.is_joined { String::new() } else { origin.stream.to_string() }, seq)
     }
 
-    /// Each frame led to one item, of several sensors to one together.
+    /// Checks that each frame led to one item. The frames of joined sensors lead to one item
+    /// together.
     fn check_counts(&self, answered: &BTreeMap<(String, u64), u32>) {
         for (sensor, captures) in self.captures.iter().enumerate() {
             let stream = if self.is_joined { String::new() } else { format!("s{sensor}") };
@@ -288,7 +290,7 @@ impl DrawnGraph {
     }
 }
 
-/// Returns what is wrong with the graph of a seed, and how many requests its link refused.
+/// Returns the errors in a seed's graph, and the number of requests that its link refused.
 pub(crate) async fn wrongs(seed: u64) -> (Vec<String>, u64) {
     let mut graph = DrawnGraph::new(seed);
     let mut last = graph.start();

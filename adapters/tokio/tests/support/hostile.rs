@@ -1,4 +1,4 @@
-//! A client that writes what frames it likes.
+//! A client that can write any frames.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -17,10 +17,10 @@ pub(crate) const WINDOW_UPDATE: u8 = 8;
 pub(crate) const CONTINUATION: u8 = 9;
 pub(crate) const END_HEADERS: u8 = 4;
 
-/// The preface and settings of nothing.
+/// The preface of HTTP/2 and an empty SETTINGS frame.
 pub(crate) const GREETING: [u8; 33] = *b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-/// The headers of a call (HPACK, nothing indexed).
+/// Returns the headers of a call, in HPACK with nothing indexed.
 pub(crate) fn call() -> Vec<u8> {
     let path = b"/fuseline.v1.Infer/Infer";
     let mut block = vec![0x83, 0x86, 0x04, u8::try_from(path.len()).unwrap()];
@@ -31,7 +31,7 @@ pub(crate) fn call() -> Vec<u8> {
     block
 }
 
-/// One header, nothing indexed; the value has at most 16,000 bytes.
+/// Returns one header, not indexed. The value may have up to 16,000 bytes.
 pub(crate) fn header(name: &str, value: &str) -> Vec<u8> {
     let mut block = vec![0, u8::try_from(name.len()).unwrap()];
     block.extend_from_slice(name.as_bytes());
@@ -46,7 +46,7 @@ pub(crate) fn header(name: &str, value: &str) -> Vec<u8> {
     block
 }
 
-/// A request, as gRPC frames it.
+/// Returns a request in gRPC's framing.
 pub(crate) fn request(timestamp: u64) -> Bytes {
     let request =
         fuseline_tokio::grpc::Request { timestamp, ..fuseline_tokio::grpc::Request::default() };
@@ -55,17 +55,19 @@ pub(crate) fn request(timestamp: u64) -> Bytes {
     [&[0][..], &length, &message].concat().into()
 }
 
-/// A connection of which each byte is ours; what the server says is read and counted.
+/// A connection on which the test writes every byte. The frames that the server sends are read and
+/// counted.
 pub(crate) struct Raw {
     pub(crate) address: SocketAddr,
     stream: Option<TcpStream>,
     read: Vec<u8>,
-    /// The bytes that the server still accepts on the connection; `windows` has those of streams.
+    /// The number of bytes that the server still accepts on the connection. `windows` has the same
+    /// for streams.
     window: i64,
     is_greeted: bool,
     pongs: usize,
     initial: i64,
-    /// Beside the initial window.
+    /// By stream, in addition to the initial window.
     windows: HashMap<u32, i64>,
     reset: Vec<u32>,
     answered: Vec<u32>,
@@ -95,7 +97,7 @@ impl Raw {
         self.stream = Some(self.connect().await);
     }
 
-    /// Connects, says the preface and takes on the server's settings.
+    /// Connects, sends the preface and acknowledges the server's settings.
     pub(crate) async fn greet(&mut self) {
         self.open().await;
         self.bytes(&GREETING).await;
@@ -108,7 +110,8 @@ impl Raw {
         while !bytes.is_empty() {
             let (mut coming, mut going) = self.stream.as_mut().unwrap().split();
             let mut logged = [0; 4096];
-            // Somebody must read what the server says, or it would wait for us.
+            // The server's bytes must be read at the same time, or the server would wait for this
+            // client.
             tokio::select! {
                 sent = going.write(bytes) => match sent {
                     Ok(sent) => bytes = &bytes[sent..],
@@ -136,7 +139,8 @@ impl Raw {
         self.bytes(&frame).await
     }
 
-    /// Waits until the server takes this many more bytes of a stream, or ends either.
+    /// Waits until the server accepts this many more bytes of a stream, or ends the stream or the
+    /// connection.
     pub(crate) async fn room(&mut self, stream: u32, bytes: usize) {
         let bytes = i64::try_from(bytes).unwrap();
         let of = |raw: &Self| raw.initial + raw.windows.get(&stream).unwrap_or(&0);
@@ -147,14 +151,14 @@ impl Raw {
         }
     }
 
-    /// Waits until the server has taken in what was sent so far.
+    /// Waits until the server has processed everything that was sent so far.
     pub(crate) async fn taken_in(&mut self) {
         let before = self.pongs;
         self.frame(PING, 0, 0, &[0; 8]).await;
         while self.pongs == before && self.received().await {}
     }
 
-    /// Reads what the server says next. Returns `false` if it ended the connection.
+    /// Reads the server's next bytes. Returns `false` if the server ended the connection.
     pub(crate) async fn received(&mut self) -> bool {
         let mut logged = [0; 4096];
         match self.stream.as_mut().unwrap().read(&mut logged).await {

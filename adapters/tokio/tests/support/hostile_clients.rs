@@ -1,4 +1,4 @@
-//! Hostile clients, each of which reaches one of the bounds.
+//! Hostile clients, each of which exceeds one of the bounds.
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -15,33 +15,33 @@ use super::visitors::{SECOND, VisitedServer};
 /// The number of clients that come beyond the limit.
 pub(crate) const BEYOND: usize = 3;
 
-/// The preface of HTTP/2 and settings of nothing.
+/// The preface of HTTP/2 and an empty SETTINGS frame.
 const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
 /// The ways in which a client can be hostile.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum HostileKind {
-    /// Sends no call, but perhaps the preface or pings.
+    /// Makes no call, but perhaps sends the preface or pings.
     Mute,
     /// Calls without the token.
     Unknown,
-    /// Has more connections than it may.
+    /// Opens more connections than it may.
     Crowd,
-    /// Takes nothing of a reply, but perhaps others.
+    /// Reads nothing of one reply, but perhaps reads other replies.
     Stalls,
     /// Sends a byte of its request now and then.
     Dribbles,
-    /// Takes back more calls than it may.
+    /// Cancels more calls than it may.
     Resets,
-    /// Makes a call and then none.
+    /// Makes one call and then no other.
     Idles,
-    /// Speaks no HTTP/2.
+    /// Does not speak HTTP/2.
     Garbage,
-    /// Is gone with a call under way.
+    /// Disappears while a call is under way.
     Vanishes,
-    /// Falls silent after a call, without an end of its connection.
+    /// Falls silent after a call without ending its connection.
     Dead,
-    /// The system has no descriptor for it.
+    /// Comes when the system has no descriptor for it.
     NoDescriptor,
 }
 
@@ -68,14 +68,15 @@ impl HostileKind {
     }
 }
 
-/// Comes, does what it does, and goes; what went otherwise than the bounds say, if something did.
+/// Plays a hostile client from beginning to end. Returns an error if the server did not enforce its
+/// bounds.
 pub(crate) async fn come(
     here: &VisitedServer,
     kind: HostileKind,
     from: IpAddr,
     rng: &mut Rng,
 ) -> Option<String> {
-    // Its bounds count from when it is let in.
+    // The bounds count from when the client is accepted.
     if kind != HostileKind::NoDescriptor {
         here.server.accepts().await;
     }
@@ -111,7 +112,7 @@ pub(crate) async fn come(
     }
 }
 
-/// Closed at this time after it came, give or take what timers round.
+/// Returns an error unless the connection was closed after `at`, to within the rounding of timers.
 fn check(closed: Option<Duration>, at: Duration) -> Option<String> {
     let is_then = closed.is_some_and(|took| took.abs_diff(at) < Duration::from_millis(50));
     (!is_then).then(|| format!("closed after {closed:?}, not {at:?}"))
@@ -147,7 +148,8 @@ async fn mute(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<Strin
     check(end(&mut socket, 10 * greeting).await, greeting)
 }
 
-/// Calls that are refused are no first call.
+/// Plays a client without the token. Refused calls do not count as the first call that the greeting
+/// requires.
 async fn unknown(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let (greeting, since) = (here.bounds.greeting, Instant::now());
     let visitor = here.server.visit(from).await;
@@ -164,7 +166,7 @@ async fn unknown(here: &VisitedServer, from: IpAddr) -> Option<String> {
         }
     }
     let closed = visitor.closed(SECOND).await.map(|_| since.elapsed());
-    // It finds out with its next call.
+    // The client notices that it was closed only with its next call.
     (closed.is_none_or(|took| took > greeting + greeting / 4))
         .then(|| format!("closed after {closed:?}, not {greeting:?}"))
 }
@@ -181,7 +183,8 @@ async fn crowd(here: &VisitedServer, from: IpAddr) -> Option<String> {
         .or_else(|| beyond.iter().find_map(|end| check(*end, Duration::ZERO)))
 }
 
-/// A reply of which nothing is taken; other replies may be, and another call may go on.
+/// Plays a client that reads nothing of one reply. It may read others, and another call may be
+/// under way.
 async fn stalls(
     here: &VisitedServer,
     from: IpAddr,
@@ -214,7 +217,7 @@ async fn dribbles(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let stall = here.bounds.stall;
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { payload: 1000, upload: (900, stall / 8), ..here.plain() };
-    // It finds out when it reads, so it reads beside.
+    // The client notices the end only when it reads, so it reads while another task sends.
     let mut send = visitor.send.clone().ready().await.ok()?;
     let (answer, mut body) = send.send_request(plan.head(), false).ok()?;
     let dribble = tokio::spawn(async move {
@@ -231,7 +234,7 @@ async fn dribbles(here: &VisitedServer, from: IpAddr) -> Option<String> {
     wrong.or((status != Some("4")).then(|| format!("status {status:?}")))
 }
 
-/// One more than may be taken back in a second.
+/// Plays a client that cancels one call more than it may in a second.
 async fn resets(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { compute: 1000 * SECOND, ..here.plain() };
@@ -250,7 +253,7 @@ async fn resets(here: &VisitedServer, from: IpAddr) -> Option<String> {
     check(visitor.closed(here.bounds.idle).await, Duration::ZERO)
 }
 
-/// A client that disappears leaves nothing behind, whatever it was about to do.
+/// Plays a client that disappears during a call. It must leave nothing behind.
 async fn vanishes(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<String> {
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { compute: 100_000 * SECOND, reply: 1_000_000, ..here.plain() };
@@ -270,7 +273,8 @@ async fn vanishes(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<S
     None
 }
 
-/// The server pings it, and closes what does not answer long before it counts as idle.
+/// Plays a client that stops answering. The server pings it and closes it long before it counts as
+/// idle.
 async fn dead(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let (send, mut connection) = h2::client::handshake(here.server.connect(from)).await.ok()?;
     let mut send = send.ready().await.ok()?;
@@ -288,7 +292,7 @@ async fn dead(here: &VisitedServer, from: IpAddr) -> Option<String> {
         trailers = call => trailers,
         ended = &mut connection => return Some(format!("{ended:?}")),
     };
-    // Nothing is read or written meanwhile.
+    // During this time nothing is read or written.
     sleep(45 * SECOND).await;
     let is_closed = timeout(SECOND, connection).await.is_ok();
     let wrong = (!is_closed).then(|| "a dead client has its place".to_owned());

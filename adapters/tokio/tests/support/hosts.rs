@@ -10,7 +10,7 @@ use std::future::pending;
 use tokio::net::TcpSocket;
 use tokio::sync::oneshot;
 
-/// A server with a runtime of its own, so that it can be killed with all its connections.
+/// A server with its own runtime, so that it can be killed with all its connections.
 pub(crate) struct Cloud {
     pub(crate) address: SocketAddr,
     kill: oneshot::Sender<()>,
@@ -18,7 +18,7 @@ pub(crate) struct Cloud {
 }
 
 impl Cloud {
-    /// Listens at `address`; port 0 is any.
+    /// Starts a server that listens at `address`. Port 0 means any free port.
     pub(crate) fn start(address: &str, server: Server, infer: impl Infer) -> Self {
         let (kill, killed) = oneshot::channel();
         let (sender, reported) = mpsc::channel();
@@ -29,7 +29,8 @@ impl Cloud {
                 let socket = TcpSocket::new_v4().unwrap();
                 socket.set_reuseaddr(true).unwrap();
                 socket.bind(address).unwrap();
-                // A client that finds the queue full tries again after a second.
+                // The queue is long, because a client that finds it full tries again only after a
+                // second.
                 let listener = socket.listen(4096).unwrap();
                 sender.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
@@ -41,7 +42,7 @@ impl Cloud {
         Self { address: reported.recv().unwrap(), kill, thread }
     }
 
-    /// Leaves no socket open.
+    /// Ends the server and closes all its sockets.
     pub(crate) fn kill(self) {
         self.kill.send(()).unwrap();
         self.thread.join().unwrap();
@@ -76,7 +77,7 @@ impl Ca {
         self.sign_until(name, 4000)
     }
 
-    /// A certificate that ended with the year before.
+    /// Returns a certificate that expires at the beginning of `year`.
     pub(crate) fn sign_until(&self, name: &str, year: i32) -> Identity {
         let key = KeyPair::generate().unwrap();
         let mut params = CertificateParams::new([name.to_owned()]).unwrap();

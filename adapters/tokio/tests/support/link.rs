@@ -1,4 +1,4 @@
-//! A vehicle's link of constant width, for the calls of drawn graphs and of simulated operators.
+//! A vehicle's link with constant rates, for the calls of drawn graphs and of simulated operators.
 
 use std::future;
 use std::sync::{Arc, Mutex};
@@ -8,23 +8,24 @@ use fuseline_engine::{lock, nanos};
 use fuseline_tokio::deadline::{LinkDirection, LinkQueue, LinkRate};
 use tokio::time::{Instant, sleep_until};
 
-/// An emulated link; clones are the same one.
+/// An emulated link. Clones share its queues.
 #[derive(Clone, Debug)]
 pub(crate) struct EmulatedLink {
     start: Instant,
-    /// Bits a second each way.
+    /// The rates in each direction, in bits per second.
     rates: [u64; 2],
     queues: Arc<Mutex<[LinkQueue; 2]>>,
 }
 
 impl EmulatedLink {
-    /// A link on which this many bytes may wait each way.
+    /// Creates a link on which `queue_bytes` may wait in each direction.
     pub(crate) fn new(queue_bytes: u64, rates: [u64; 2]) -> Self {
         let queues = Arc::new(Mutex::new([LinkQueue::new(queue_bytes); 2]));
         Self { start: Instant::now(), rates, queues }
     }
 
-    /// Waits until a message of this many bytes is through; `false` if it finds no room.
+    /// Waits until a message of this many bytes has passed. Returns `false` if the queue has no
+    /// room for it.
     pub(crate) async fn pass(&self, direction: LinkDirection, bytes: usize) -> bool {
         let now = nanos(self.start.elapsed());
         let rate = |_| LinkRate::constant(self.rates[direction as usize]);

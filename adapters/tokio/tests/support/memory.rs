@@ -1,4 +1,5 @@
-//! A server and its clients over streams in memory, so that hours of virtual time take no time.
+//! A server and its clients over streams in memory, so that hours of virtual time take almost no
+//! real time.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -17,26 +18,26 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout};
 
-/// Bytes that are on their way in one direction.
+/// The number of bytes that may be on their way in one direction.
 const WIRE: usize = 16 * 1024;
 
-/// This many bits of a timestamp say how long a reply is; the others say for how many milliseconds
-/// the server computes.
+/// The number of low bits of a timestamp that hold the reply's length. The other bits hold the
+/// milliseconds for which the server computes.
 const REPLY_BITS: u32 = 24;
 
 type IncomingStream = io::Result<(DuplexStream, SocketAddr)>;
 
-/// A server that computes for as long as a request says, and replies with as many bytes.
+/// A server that computes for as long and replies with as many bytes as a request's timestamp says.
 pub(crate) struct MemoryServer {
     entry: mpsc::UnboundedSender<IncomingStream>,
     stop: oneshot::Sender<()>,
     task: JoinHandle<Result<(), ServeError>>,
     computing: Arc<AtomicUsize>,
-    /// Failures to accept after which the server has not tried again.
+    /// The number of failures to accept after which the server has not yet tried again.
     failures: Arc<AtomicUsize>,
 }
 
-/// A computation that runs.
+/// A running computation. Dropping it reduces the count.
 struct Computing(Arc<AtomicUsize>);
 
 impl Drop for Computing {
@@ -76,20 +77,20 @@ impl MemoryServer {
         Self { entry, stop, task, computing, failures }
     }
 
-    /// The client's end of a new connection.
+    /// Opens a connection. Returns the client's end.
     pub(crate) fn connect(&self, from: IpAddr) -> DuplexStream {
         let (ours, theirs) = tokio::io::duplex(WIRE);
         self.entry.send(Ok((theirs, (from, 4711).into()))).unwrap();
         ours
     }
 
-    /// Accepting fails, as when no descriptor is free.
+    /// Makes the server's next accept fail, as if no descriptor were free.
     pub(crate) fn fail_to_accept(&self) {
         self.failures.fetch_add(1, Ordering::Relaxed);
         self.entry.send(Err(io::Error::from_raw_os_error(24))).unwrap();
     }
 
-    /// Until whoever comes is let in at once.
+    /// Waits until the server accepts connections at once again.
     pub(crate) async fn accepts(&self) {
         while self.failures.load(Ordering::Relaxed) > 0 {
             assert!(!self.task.is_finished(), "the server ended");
@@ -102,12 +103,12 @@ impl MemoryServer {
         Visitor { send, connection: tokio::spawn(connection) }
     }
 
-    /// Computations that run now.
+    /// Returns the number of running computations.
     pub(crate) fn computing(&self) -> usize {
         self.computing.load(Ordering::Relaxed)
     }
 
-    /// Ends it; none if it does not end within this time.
+    /// Stops the server. Returns how long that took, or `None` if it did not end in time.
     pub(crate) async fn stop(self, within: Duration) -> Option<Duration> {
         let since = Instant::now();
         let _ = self.stop.send(());
@@ -128,16 +129,16 @@ pub(crate) struct Visitor {
 pub(crate) struct CallPlan {
     /// The time for which the server computes.
     pub(crate) compute: Duration,
-    /// The reply's bytes.
+    /// The size of the reply in bytes.
     pub(crate) reply: usize,
-    /// The request's payload.
+    /// The size of the request's payload in bytes.
     pub(crate) payload: usize,
     /// The header `grpc-timeout`.
     pub(crate) timeout: Option<String>,
     pub(crate) token: Option<&'static str>,
-    /// In how many parts the request is sent, and the time between two.
+    /// The number of parts in which the request is sent, and the time between them.
     pub(crate) upload: (usize, Duration),
-    /// The time before each of the reply's frames is taken.
+    /// The time before the client takes each frame of the reply.
     pub(crate) read_pause: Duration,
 }
 
@@ -146,7 +147,7 @@ pub(crate) struct CallPlan {
 pub(crate) struct VisitEnd {
     /// The gRPC status.
     pub(crate) status: u16,
-    /// The reply's payload.
+    /// The size of the reply's payload in bytes.
     pub(crate) bytes: usize,
     pub(crate) took: Duration,
 }
@@ -165,7 +166,7 @@ impl CallPlan {
         head.body(()).unwrap()
     }
 
-    /// The request, as gRPC frames it.
+    /// Returns the request in gRPC's framing.
     pub(crate) fn body(&self) -> Bytes {
         let ms = u64::try_from(self.compute.as_millis()).unwrap();
         let timestamp = (ms << REPLY_BITS) | self.reply as u64;
@@ -181,15 +182,16 @@ impl Visitor {
         !self.connection.is_finished()
     }
 
-    /// Waits until the server closes the connection; none if it does not within this time.
+    /// Waits until the server closes the connection. Returns how long that took, or `None` if it
+    /// did not happen in time.
     pub(crate) async fn closed(self, within: Duration) -> Option<Duration> {
         let since = Instant::now();
-        // A client that holds its end leaves the server no reason to close it.
+        // Holding the client's end means that only the server has a reason to close the connection.
         let _send = self.send;
         timeout(within, self.connection).await.ok().map(|_| since.elapsed())
     }
 
-    /// One call from its first to its last byte.
+    /// Makes one call, from its first to its last byte.
     pub(crate) async fn call(&self, plan: &CallPlan) -> Result<VisitEnd, h2::Error> {
         let since = Instant::now();
         let mut send = self.send.clone().ready().await?;
@@ -227,12 +229,12 @@ pub(crate) fn status(headers: &HeaderMap) -> Option<u16> {
     headers.get("grpc-status")?.to_str().ok()?.parse().ok()
 }
 
-/// The lines that the server logged on this thread.
+/// The lines that were logged on this thread.
 #[derive(Clone, Default)]
 pub(crate) struct CapturedLog(Arc<Mutex<Vec<u8>>>);
 
 impl CapturedLog {
-    /// Takes what is logged on this thread, until the guard is dropped.
+    /// Captures what is logged on this thread until the guard is dropped.
     pub(crate) fn begin(&self) -> tracing::subscriber::DefaultGuard {
         let log = self.clone();
         let make = move || log.clone();

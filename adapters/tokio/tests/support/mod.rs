@@ -1,4 +1,4 @@
-//! Operators that follow a script, on a clock that stands still until everybody sleeps.
+//! Operators that follow a script, on a paused clock that advances when all tasks are idle.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -29,7 +29,7 @@ pub(crate) fn without_deadline<I, O>(mut local: Local<I, O>) -> Local<I, O> {
     local
 }
 
-/// An operator whose sources do what is given for each timestamp.
+/// An operator whose sources follow a script for each timestamp.
 pub(crate) struct Script {
     pub(crate) local: fn(u64) -> SourceAction,
     pub(crate) deadline: Option<Duration>,
@@ -48,14 +48,14 @@ pub(crate) struct CloudScript {
 
 /// The outcome of a script.
 pub(crate) struct RunResult {
-    /// One line for each item, in the order they came.
+    /// One line for each item, in the order of their arrival.
     pub(crate) items: String,
     pub(crate) tally: Tally,
     pub(crate) trace: String,
 }
 
 impl Script {
-    /// Local alone, after 20 ms.
+    /// Creates a script with only local, which answers after 20 ms.
     pub(crate) fn new() -> Self {
         Self { local: |_| SourceAction::Answers(20), deadline: None, clouds: Vec::new() }
     }
@@ -136,7 +136,7 @@ where
     played((writer, start), messages_ms.to_vec(), (running, output), &path).await
 }
 
-/// The rest of it, whatever the operator is.
+/// Does the part of [`play`] that does not depend on the operator's type.
 async fn played(
     (mut writer, start): (Writer<u64>, Instant),
     messages_ms: Vec<u64>,
@@ -164,7 +164,7 @@ pub(crate) async fn play_default(script: Script, messages_ms: &[u64]) -> RunResu
     play(script, Config::default(), messages_ms).await
 }
 
-/// An item in words: when it was decided, which timestamp, what.
+/// Describes an item: when it was decided, its timestamp, and its outcome.
 pub(crate) fn line(item: &Item<String>) -> String {
     let (at, t) = (item.decided.as_micros(), item.timestamp);
     let at = format!("{}.{:03}", at / 1000, at % 1000);

@@ -1,7 +1,8 @@
-//! A server in virtual time with well-behaved and hostile clients, drawn by seed.
+//! Checks a server with well-behaved and hostile clients, which are drawn by seed, in virtual time.
 //!
-//! For hours each well-behaved client is served at once and never closed or named in the log, whatever hostile ones do. Each hostile client is
-//! closed at its bound. When the hostile clients are gone, all places, bytes, tasks and counts are as before.
+//! For hours each well-behaved client is served at once. It is never closed or named in the log,
+//! whatever the hostile clients do. Each hostile client is closed at its bound. When the hostile
+//! clients are gone, all places, bytes, tasks and counts are as before.
 
 use std::cell::Cell;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
@@ -32,7 +33,7 @@ pub(crate) struct VisitedServer {
     pub(crate) server: MemoryServer,
     pub(crate) bounds: Bounds,
     pub(crate) token: Option<&'static str>,
-    /// Until when well-behaved clients make calls.
+    /// The instant until which well-behaved clients make calls.
     pub(crate) until: Instant,
     /// The number of visitors that have not finished.
     pub(crate) busy: Cell<usize>,
@@ -76,18 +77,18 @@ impl VisitedServer {
         }
     }
 
-    /// A call that is answered at once.
+    /// Returns the plan of a call that is answered at once.
     pub(crate) fn plain(&self) -> CallPlan {
         CallPlan { reply: 9, token: self.token, ..CallPlan::default() }
     }
 
-    /// Returns whether a call over this connection is answered.
+    /// Returns `true` if a call over this connection is answered.
     pub(crate) async fn answers(&self, visitor: &Visitor) -> bool {
         visitor.call(&self.plain()).await.is_ok_and(|end| (end.status, end.bytes) == (0, 9))
     }
 }
 
-/// Returns what is wrong in the world that this seed draws.
+/// Returns the errors of the run that this seed draws.
 pub(crate) async fn server_wrongs(seed: u64) -> Vec<String> {
     LocalSet::new().run_until(wrongs(seed)).await
 }
@@ -146,7 +147,7 @@ fn tasks() -> usize {
     Handle::current().metrics().num_alive_tasks()
 }
 
-/// Returns what has changed since before the hostile clients came.
+/// Returns everything that differs from before the hostile clients came.
 async fn recovered(
     here: &VisitedServer,
     well_behaved: &[Rc<Visitor>],
@@ -160,7 +161,7 @@ async fn recovered(
             wrong.push(format!("after the hostile clients: {what}"));
         }
     };
-    // The last that vanished may not be missed yet.
+    // The server may not yet have noticed the last client that disappeared.
     sleep(SECOND).await;
     expect(
         well_behaved.iter().all(|visitor| visitor.is_open()),
@@ -194,7 +195,7 @@ async fn recovered(
     let places = here.bounds.connections - well_behaved.len();
     expect(connections.len() == places, &format!("{} of {places} places", connections.len()));
     drop(connections);
-    // All bytes there are, and one more, in a request and in a reply.
+    // A request and a reply may take all bytes of the bound, but not one more.
     let Some(visitor) = well_behaved.first() else { return wrong };
     for (what, excess, status) in [("all bytes", 0, 0), ("a byte too many", 1, 8)] {
         let mut plan = CallPlan { reply: 0, ..here.plain() };
@@ -210,7 +211,7 @@ async fn recovered(
         expect(is_whole == (excess == 0), &format!("{what} of a reply: {reply:?}"));
         sleep(SECOND).await;
     }
-    // So that the log says how many it left out.
+    // After this time a new line of the log counts the lines that were suppressed.
     sleep(2 * SECOND).await;
     let from = here.address(9, 0);
     let connections = join_all((0..=each).map(|_| here.server.visit(from))).await;
@@ -226,7 +227,8 @@ async fn recovered(
     let blamed = (0..WELL_BEHAVED).map(|number| here.address(0, number));
     let blamed = blamed.filter(|from| {
         let peer = format!("peer={}", std::net::SocketAddr::from((*from, 4711)));
-        // The first client may have two lines: its request and its reply above had a byte too many.
+        // The first client may have two lines, because its request and its reply above were a byte
+        // too long.
         let lines = log.text().lines().filter(|line| line.contains(&peer)).count();
         lines > 2 * usize::from(*from == here.address(0, 0))
     });
@@ -241,7 +243,8 @@ fn logged(log: &str, why: &str) -> usize {
     lines.map(|line| 1 + line.rsplit_once("others=").unwrap().1.parse::<usize>().unwrap()).sum()
 }
 
-/// Returns what is wrong if the server stops while each well-behaved client has a call under way.
+/// Returns the errors that occur if the server stops while each well-behaved client has a call
+/// under way.
 async fn ended_well(here: Rc<VisitedServer>, well_behaved: Vec<Rc<Visitor>>) -> Vec<String> {
     let compute = here.bounds.idle + SECOND;
     let plan = CallPlan { compute, ..here.plain() };

@@ -1,4 +1,4 @@
-//! Clients that keep to the bounds, some of them just.
+//! Clients that keep within the bounds, some of them barely.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use super::visitors::{SECOND, VisitedServer};
 /// An answer may come this much later than planned, because each timer rounds up to a millisecond.
 const ROUNDING: Duration = Duration::from_millis(20);
 
-/// The unit of `grpc-timeout`, its nanoseconds, and the most of it that is drawn.
+/// The units of `grpc-timeout`, their nanoseconds, and the greatest count that is drawn for each.
 const UNITS: [(&str, u64, u64); 6] = [
     ("H", 3_600_000_000_000, 2),
     ("M", 60_000_000_000, 5),
@@ -22,11 +22,11 @@ const UNITS: [(&str, u64, u64); 6] = [
     ("n", 1, 99_999_999),
 ];
 
-/// None, the longest, and what cannot be read.
+/// Headers that set no deadline: a missing one, the longest one, and some that cannot be read.
 const NO_DEADLINES: [Option<&str>; 6] =
     [None, Some("99999999H"), Some("1"), Some("S"), Some("1x"), Some("123456789m")];
 
-/// Makes calls and rests until all others are done too; what went wrong, if something did.
+/// Makes calls and rests until all others are done too. Returns the first error, if there was one.
 pub(crate) async fn stay(here: &VisitedServer, visitor: &Visitor, rng: Rng) -> Option<String> {
     let wrong = visit(here, visitor, rng).await;
     here.busy.set(here.busy.get() - 1);
@@ -56,7 +56,7 @@ async fn visit(here: &VisitedServer, visitor: &Visitor, mut rng: Rng) -> Option<
             _ => {
                 let (plan, expected) = draw(here, &mut rng);
                 if plan.read_pause > Duration::ZERO {
-                    // For the server the call ended when the last bytes were on their way.
+                    // For the server the call ended when it sent the last bytes.
                     before = bounds.stall;
                 }
                 match visitor.call(&plan).await {
@@ -80,12 +80,12 @@ async fn visit(here: &VisitedServer, visitor: &Visitor, mut rng: Rng) -> Option<
 
 fn is_as_expected(plan: &CallPlan, end: &VisitEnd, expected: &VisitEnd) -> bool {
     let least = expected.took;
-    // A slow reader takes as long as it takes.
+    // There is no upper bound for a slow reader.
     let is_in_time = plan.read_pause > Duration::ZERO || end.took <= least + ROUNDING;
     (end.status, end.bytes) == (expected.status, expected.bytes) && end.took >= least && is_in_time
 }
 
-/// Takes back as many calls in a second as is allowed, each while it is computed.
+/// Cancels as many calls in a second as is allowed, each while it is computed.
 async fn take_back(here: &VisitedServer, visitor: &Visitor) {
     sleep(SECOND).await;
     let plan = CallPlan { compute: 1000 * SECOND, ..here.plain() };
@@ -100,7 +100,7 @@ async fn take_back(here: &VisitedServer, visitor: &Visitor) {
     sleep(SECOND).await;
 }
 
-/// More calls at once than may be taken back in a second: each is answered.
+/// Makes more calls than may be cancelled in a second. Each must be answered.
 async fn hurry(here: &VisitedServer, visitor: &Visitor) -> Option<String> {
     for turn in 0..=here.bounds.resets / here.bounds.calls {
         let calls = (0..here.bounds.calls).map(|_| here.answers(visitor));
@@ -111,7 +111,7 @@ async fn hurry(here: &VisitedServer, visitor: &Visitor) -> Option<String> {
     None
 }
 
-/// A call, and how it must end.
+/// Draws a call, and the way in which it must end.
 fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
     let (bounds, mut plan) = (here.bounds, here.plain());
     plan.reply = rng.usize(1..60_000);
@@ -129,7 +129,7 @@ fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
             plan.timeout = NO_DEADLINES[rng.index(NO_DEADLINES.len())].map(str::to_owned);
             end.took = plan.compute;
         }
-        // In time, and late.
+        // In this case the call ends in time, and in the next case late.
         2 => {
             plan.compute = millis(deadline.mul_f64(0.9));
             plan.timeout = Some(format!("{count}{unit}"));
@@ -155,7 +155,7 @@ fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
     (plan, end)
 }
 
-/// Whole milliseconds.
+/// Rounds down to whole milliseconds.
 fn millis(time: Duration) -> Duration {
     Duration::from_millis(u64::try_from(time.as_millis()).unwrap())
 }

@@ -1,6 +1,8 @@
-//! A server in years of virtual time: what reaches a bound ends at its own instant, however far that is, and nothing else does.
+//! Checks a server over years of virtual time. Everything that reaches a bound ends at its own
+//! instant, however far away that is, and nothing else ends.
 //!
-//! The clock jumps to a second before each instant, since pings for years would take minutes.
+//! The clock jumps to a second before each instant, because playing pings for years would take
+//! minutes.
 
 use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr};
@@ -16,12 +18,12 @@ use super::visitors::SECOND;
 
 const DAY: Duration = Duration::from_secs(24 * 3600);
 
-/// A client of which something ends far ahead.
+/// A client whose call or connection ends in the far future.
 struct DistantClient {
     name: &'static str,
     /// The time after the start at which it is due to end.
     due: Duration,
-    /// The status of its call, or none if its connection was closed.
+    /// The status of its call, or `None` if its connection is closed.
     expected: Option<u16>,
     task: JoinHandle<Option<u16>>,
 }
@@ -30,7 +32,7 @@ const fn address(number: u8) -> IpAddr {
     IpAddr::V4(Ipv4Addr::new(10, 0, number, 1))
 }
 
-/// Returns what is wrong with a server that runs for a thousand days.
+/// Returns the errors of a server that runs for a thousand days.
 pub(crate) async fn years_wrongs() -> Vec<String> {
     LocalSet::new().run_until(wrongs()).await
 }
@@ -38,7 +40,7 @@ pub(crate) async fn years_wrongs() -> Vec<String> {
 async fn wrongs() -> Vec<String> {
     let log = CapturedLog::default();
     let _guard = log.begin();
-    // The runtime's wheel of timers holds some 795 days.
+    // The runtime's timer wheel covers about 795 days.
     let bounds =
         Bounds { greeting: 40 * DAY, stall: 366 * DAY, idle: 900 * DAY, ..Bounds::default() };
     let server = MemoryServer::start(Server { bounds, ..Server::default() });
@@ -51,7 +53,7 @@ async fn wrongs() -> Vec<String> {
     };
     assert!(is_served().await);
     let mut clients = clients(&server, bounds).await;
-    // All of them begin before the clock jumps.
+    // This lets all of them begin before the clock jumps.
     sleep(SECOND).await;
     let mut wrong = Vec::new();
     for due in clients.iter().map(|client| client.due).collect::<BTreeSet<_>>() {
@@ -81,7 +83,7 @@ async fn wrongs() -> Vec<String> {
     wrong
 }
 
-/// One client of each bound, and calls with deadlines of years and without one.
+/// Starts one client for each bound, and calls with deadlines of years and without one.
 async fn clients(server: &MemoryServer, bounds: Bounds) -> Vec<DistantClient> {
     let mut socket = server.connect(address(1));
     let mute = async move {
@@ -142,7 +144,7 @@ async fn clients(server: &MemoryServer, bounds: Bounds) -> Vec<DistantClient> {
     ]
 }
 
-/// A request of which the first bytes come.
+/// Sends only the first bytes of a request.
 async fn begin(visitor: Visitor) -> Option<u16> {
     let mut send = visitor.send.clone().ready().await.ok()?;
     let plan = CallPlan { payload: 1000, ..CallPlan::default() };
@@ -151,7 +153,7 @@ async fn begin(visitor: Visitor) -> Option<u16> {
     status(answer.await.ok()?.headers())
 }
 
-/// A reply of which nothing is taken, until the connection is closed.
+/// Reads nothing of a reply until the connection is closed.
 async fn stall(visitor: Visitor) -> Option<u16> {
     let mut send = visitor.send.clone().ready().await.ok()?;
     let plan = CallPlan { reply: 300_000, ..CallPlan::default() };

@@ -1,6 +1,7 @@
 //! Serves one connection, from its first byte to its end: TLS, HTTP/2 and its calls.
 //!
-//! It closes a connection that reaches one of the `Bounds`, and logs why. What all connections share is in `limits`.
+//! It closes a connection that reaches one of the `Bounds`, and logs why. The state that all
+//! connections share is in `limits`.
 
 use std::convert::Infallible;
 use std::io;
@@ -31,16 +32,17 @@ use crate::grpc::token::AuthCheck;
 /// A connection that was silent for the first duration is sent a ping, and must answer it within the second.
 const PING: (Duration, Duration) = (Duration::from_secs(30), Duration::from_secs(10));
 
-/// Calls at once that were cancelled before they began: HTTP/2 has them in a queue of its own.
+/// The greatest number of calls that were cancelled before they began, which HTTP/2 keeps in a
+/// queue of its own.
 const UNBEGUN: usize = 64;
 
-/// Streams that the client may break before its connection is closed.
+/// The number of streams that the client may break before its connection is closed.
 const BROKEN: usize = 256;
 
-/// Bytes of a stream's replies that HTTP/2 holds besides what it was given.
+/// The number of bytes of a stream's replies that HTTP/2 buffers itself.
 const SENDING: usize = 64 * 1024;
 
-/// A connection of whatever type, or what TLS makes of it, so that a server is compiled once and not for each.
+/// A connection of any type, with or without TLS, so that the server is compiled only once.
 pub(crate) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<S: AsyncRead + AsyncWrite + Send + Unpin> Socket for S {}
@@ -52,7 +54,7 @@ pub(crate) struct ConnectionHandler {
     pub(crate) infer: InferServer,
     pub(crate) auth: AuthCheck,
     pub(crate) tls: Option<TlsAcceptor>,
-    /// Ready when no more calls are taken on.
+    /// Ready when the server accepts no more calls.
     pub(crate) closing: watch::Receiver<()>,
 }
 
@@ -119,7 +121,7 @@ impl ConnectionHandler {
         }
     }
 
-    /// Serves one call; its time is over when its deadline ends.
+    /// Serves one call. It ends the call at its deadline.
     async fn call(self, request: Request<Incoming>, watch: Arc<ConnectionWatch>) -> Response<Body> {
         if let Err(status) = self.auth.check(request.headers()) {
             return watch.refused(status).into_http();
@@ -139,7 +141,7 @@ impl ConnectionHandler {
     }
 }
 
-/// The reason, if a connection broke the protocol of HTTP/2; none if it merely broke.
+/// Returns an error if a connection violated HTTP/2, and `Ok` if it merely broke.
 fn protocol(error: &hyper::Error) -> Result<(), RejectReason> {
     let mut innermost: &dyn std::error::Error = error;
     while let Some(cause) = innermost.source() {
@@ -171,7 +173,7 @@ fn deadline(headers: &HeaderMap) -> Option<Duration> {
     })
 }
 
-/// A call that was let in and is not answered yet.
+/// A call that was admitted and is not answered yet.
 struct UnderWay {
     watch: Arc<ConnectionWatch>,
     is_answered: bool,

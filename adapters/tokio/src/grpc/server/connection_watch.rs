@@ -1,6 +1,8 @@
-//! Decides when a connection has to be ended: it is silent, it reads nothing, or it takes back too many calls.
+//! Decides when a connection must be closed: it is silent, it reads nothing, or it cancels too many
+//! calls.
 //!
-//! The task that serves the connection reports what the connection does; the bounds are the server's.
+//! The task that serves the connection reports what the connection does. The server sets the
+//! bounds.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -15,7 +17,8 @@ use tonic::Status;
 
 use crate::grpc::server::limits::{RejectReason, ServerLimits};
 
-/// Records what a connection did last, and what it still owes.
+/// Records the connection's last activity, its calls under way, and the replies that it has not
+/// read.
 pub(crate) struct ConnectionWatch {
     pub(crate) limits: Arc<ServerLimits>,
     peer: SocketAddr,
@@ -25,18 +28,20 @@ pub(crate) struct ConnectionWatch {
     too_many: Notify,
 }
 
-/// The instant of the last activity, the replies that were not read, and the number of calls that were taken back in
-/// this second.
+/// The instant of the last activity, the unread replies, and the number of calls that were
+/// cancelled in the current second.
 struct Activity {
     moved: Instant,
     second: Instant,
     resets: u32,
-    /// By their numbers; a reply that is taken must not hide one that is not.
+    /// By the replies' numbers. Each has an instant of its own, so that a reply that is read does
+    /// not hide one that is not.
     unread: HashMap<u64, UnreadReply>,
     replies: u64,
 }
 
-/// A reply's bytes that lie ready, and when any were taken last.
+/// The number of a reply's bytes that the client has not taken, and the instant when it last took
+/// any.
 struct UnreadReply {
     bytes: usize,
     since: Instant,
@@ -60,13 +65,13 @@ impl ConnectionWatch {
         }
     }
 
-    /// Says in the log that a call was refused.
+    /// Logs that a call was refused.
     pub(crate) fn refused(&self, status: Status) -> Status {
         self.limits.log(self.peer, &RejectReason::Call(status.message().to_owned()));
         status
     }
 
-    /// Notes that this many bytes of a reply lie ready; returns the reply's number.
+    /// Notes a reply of this many bytes that is ready to be sent. Returns the reply's number.
     pub(crate) fn reply_ready(&self, bytes: usize) -> u64 {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.replies += 1;
@@ -75,7 +80,7 @@ impl ConnectionWatch {
         reply
     }
 
-    /// Notes that this many of a reply's bytes were taken, or are no longer wanted.
+    /// Notes that this many of a reply's bytes were taken, or are no longer needed.
     pub(crate) fn paid(&self, reply: u64, bytes: usize) {
         let (mut activity, now) = (self.activity(), Instant::now());
         activity.moved = now;
@@ -125,7 +130,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Waits until the connection has to be ended.
+    /// Waits until the connection must be closed. Returns the reason.
     pub(crate) async fn expired(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;
@@ -143,7 +148,8 @@ impl ConnectionWatch {
             if remaining.is_zero() && (unread.is_some() || !calls) {
                 return why;
             }
-            // Calls and activity change without a wake-up, so it looks again soon enough for each bound.
+            // Changes of calls and activity do not wake this task, so it looks again soon enough
+            // for each bound.
             let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
             tokio::select! {
                 () = sleep(if remaining.is_zero() { soon } else { remaining.min(soon) }) => {}

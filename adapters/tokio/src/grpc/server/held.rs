@@ -1,4 +1,5 @@
-//! Request and reply bodies that are counted byte by byte: a server's memory is bounded, and a stalled client shows.
+//! Counts the bytes of request and reply bodies, which bounds the server's memory and shows when a
+//! client stalls.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -14,10 +15,12 @@ use tonic::body::Body;
 
 use crate::grpc::server::connection_watch::ConnectionWatch;
 
-/// A reply is sent in pieces of this many bytes, so that a slow reader differs from one that has stalled.
+/// The size of the pieces of a reply, in bytes. Pieces show whether a reader is slow or has
+/// stalled.
 const PIECE: usize = 64 * 1024;
 
-/// The bytes of one call's request, given back when its body and its handler are done with it.
+/// The number of bytes that one call's request holds. They are given back when its body and its
+/// handler are dropped.
 pub(crate) struct RequestMemory {
     watch: Arc<ConnectionWatch>,
     bytes: AtomicUsize,
@@ -44,7 +47,7 @@ impl Drop for RequestMemory {
     }
 }
 
-/// A request's body, which must come whole in time.
+/// A request's body, all of which must arrive in time.
 pub(crate) struct RequestBody {
     body: Incoming,
     held: Arc<RequestMemory>,
@@ -131,7 +134,7 @@ impl http_body::Body for ReplyBody {
 /// Bytes of a reply that the client has not taken yet.
 struct UnsentBytes {
     bytes: Bytes,
-    /// Its number for the watch.
+    /// The reply's number in the watch.
     reply: u64,
     watch: Arc<ConnectionWatch>,
 }

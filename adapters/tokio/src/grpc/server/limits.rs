@@ -16,7 +16,7 @@ use tracing::warn;
 
 use crate::grpc::server::bounds::Bounds;
 
-/// Each reason is logged at most once in this time.
+/// The least time between two lines of the log with the same reason.
 const EVERY: Duration = Duration::from_secs(1);
 
 /// The state that all connections share (D8 bounded).
@@ -28,7 +28,8 @@ pub(crate) struct ServerLimits {
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
 }
 
-/// The instant at which a reason was last logged, and the number of times that it was suppressed since.
+/// The instant at which a reason was last logged, and the number of lines that were suppressed
+/// since then.
 struct SuppressedLog {
     at: Instant,
     suppressed: u64,
@@ -86,7 +87,8 @@ impl ServerLimits {
         Ok(ConnectionPermit { limits: Arc::clone(self), from })
     }
 
-    /// Takes room for this many more bytes, to be given back later. Returns `false` if there is no room.
+    /// Reserves this many more bytes, which must be given back later. Returns `false` if they
+    /// exceed the bound.
     pub(crate) fn take(&self, bytes: usize) -> bool {
         let total = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
         let has_room = total <= self.bounds.held_bytes;
@@ -100,7 +102,7 @@ impl ServerLimits {
         self.held.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Says in the log who was rejected and why, of each reason one a second.
+    /// Logs who was rejected and why, at most once a second for each reason.
     pub(crate) fn log(&self, peer: SocketAddr, why: &RejectReason) {
         let (mut reported, now) = (lock(&self.reported), Instant::now());
         let others = match reported.get_mut(&discriminant(why)) {
@@ -140,7 +142,8 @@ impl Drop for ConnectionPermit {
     }
 }
 
-/// Returns the address, or the /64 of IPv6, which is one host's to choose from.
+/// Returns the IPv4 address or the IPv6 /64 network, since one host can choose any address of its
+/// /64.
 fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {
@@ -155,7 +158,8 @@ fn network(address: IpAddr) -> IpAddr {
 mod tests {
     use super::*;
 
-    /// D8: an address that has gone leaves nothing, however many there are of them.
+    /// An address whose connections have ended leaves nothing behind, however many addresses there
+    /// are (D8).
     #[test]
     fn after_its_last_connection_nothing_of_an_address_is_left() {
         let limits = Arc::new(ServerLimits::new(Bounds { connections: 3, ..Bounds::default() }));
@@ -169,7 +173,7 @@ mod tests {
         assert!(lock(&limits.by_address).is_empty());
     }
 
-    /// D8: one that was let in never leaves nothing either.
+    /// An address that was never admitted leaves nothing behind either (D8).
     #[test]
     fn an_address_that_may_have_no_connection_leaves_nothing() {
         let bounds = Bounds { connections_each: 0, ..Bounds::default() };

@@ -1,4 +1,4 @@
-//! The server's end of TLS (D12 whom to trust).
+//! The server's side of TLS (D12).
 
 use std::sync::Arc;
 

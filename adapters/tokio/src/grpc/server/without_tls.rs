@@ -1,4 +1,4 @@
-//! In place of `tls` where the feature is off: certificates are refused before a connection is accepted.
+//! Replaces `tls` if the feature is off. It refuses certificates before a connection is accepted.
 
 use std::convert::Infallible;
 use std::future::Ready;
@@ -7,7 +7,7 @@ use std::io;
 use crate::grpc::remote::Identity;
 use crate::grpc::server::ServeError;
 
-/// There is none.
+/// An acceptor that cannot exist.
 #[derive(Clone)]
 pub(crate) struct TlsAcceptor(Infallible);
 
