@@ -1,15 +1,15 @@
-//! Measures what the tokio adapter costs beside a `select!` written by hand for the same three
-//! sources.
+//! Measures the cost of the tokio adapter, compared with a hand-written `select!` for the same
+//! three sources.
 //!
-//! Everything runs on one thread, so that the process's time is that of the messages. Both sides
-//! are measured in turns in one run; the figures are medians over the turns.
+//! Everything runs on one thread, so that all of the process's time is spent on the messages. Both
+//! sides are measured in turns in one run. The figures are medians over the turns.
 
 use std::time::Duration;
 
 use fuseline_benches::adapter::{BACK_TO_BACK, PACED, Pace, runtime, with_adapter, with_select};
 use rustix::time::{ClockId, clock_gettime};
 
-/// Turns for each side; odd, so that there is a median.
+/// The number of turns for each side. It is odd, so that there is a median.
 const TURNS: usize = 9;
 
 fn main() {
@@ -31,7 +31,7 @@ fn main() {
     }
 }
 
-/// The process's time for a message when `run` handles them.
+/// Returns the process's time for each message when `run` handles them.
 fn nanos_for_each<F: Future<Output = ()>>(pace: Pace, run: fn(Pace) -> F) -> u128 {
     let runtime = runtime();
     let before = process_time();

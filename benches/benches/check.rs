@@ -1,4 +1,4 @@
-//! Measures how many lines a second one core judges, and what reading alone takes of it.
+//! Measures how many lines a second one core judges, and which part of the time reading takes.
 
 use std::hint::black_box;
 
@@ -7,7 +7,7 @@ use fuseline_benches::trace::trace;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Events, judge};
 
-/// The number of lines that the trace has at least.
+/// The least number of lines in the trace.
 const LINES: usize = 1_000_000;
 
 fn check(c: &mut Criterion) {

@@ -1,8 +1,9 @@
-//! `FallbackLayer` beside tower-resilience's hedge, time limit and fallback, on the recorded drives: which detector's answer a
-//! vehicle gets, when, and for how much processor time.
+//! Compares `FallbackLayer` with tower-resilience's hedge, time limit and fallback on the recorded
+//! drives: which detector's answer a vehicle gets, when, and at what cost in processor time.
 //!
-//! The detectors take what the paper measured and the drive's round trip, in virtual time, so that answers and latencies are the
-//! same in each run; only the processor time is the host's. A frame comes every 100 ms and is wanted within 500 ms.
+//! The detectors take the paper's runtimes and the drive's round trips, in virtual time. So answers
+//! and latencies are the same in each run, and only the processor time depends on the host. A frame
+//! comes every 100 ms and is wanted within 500 ms.
 
 use std::fs;
 use std::sync::Arc;
@@ -25,9 +26,9 @@ use tower_resilience::timelimiter::TimeLimiterLayer;
 const MS: Duration = Duration::from_millis(1);
 const PERIOD: Duration = Duration::from_millis(100);
 const WANTED_WITHIN: Duration = Duration::from_millis(500);
-/// A call that takes longer counts as slow: in good coverage one in a hundred does.
+/// A call that takes longer counts as slow. In good coverage one call in a hundred does.
 const HEDGE_AFTER: Duration = Duration::from_millis(150);
-/// The part of a drive that is played.
+/// The longest part of a drive that is played.
 const LONGEST: Duration = Duration::from_secs(600);
 const TURNS: usize = 5;
 
@@ -55,13 +56,13 @@ const DRIVES: [(&str, [&str; 2]); 8] = [
 /// States how a vehicle uses its detectors.
 #[derive(Clone, Copy)]
 enum DetectorUse {
-    /// The best cloud, hedged and limited to so much time; then on board.
+    /// Calls the best cloud, hedged and limited to this time, and then computes on board.
     HedgeThenOnBoard(Duration),
-    /// The best cloud, hedged; on board beside it.
+    /// Calls the best cloud, hedged, and computes on board at the same time.
     HedgeBesideOnBoard,
-    /// The best cloud, hedged by the other one; on board beside them.
+    /// Calls the best cloud, hedged by the other cloud, and computes on board at the same time.
     HedgeByNearby,
-    /// All three, by the layer.
+    /// Calls all three through the layer.
     Layer,
 }
 
@@ -70,7 +71,7 @@ enum DetectorUse {
 struct HedgedFrame {
     /// The number of times that a cloud was called for it.
     calls: Arc<AtomicUsize>,
-    /// The computation on board, where that began with the frame.
+    /// The computation on board, if it began with the frame.
     on_board: Arc<Mutex<Option<JoinHandle<u32>>>>,
 }
 
@@ -79,14 +80,14 @@ type DetectorService = BoxCloneService<HedgedFrame, u32, String>;
 /// The round trips of one network.
 struct RecordedTrips {
     start: Instant,
-    /// The instant of sending, and the time that it took, if there was a network.
+    /// The instants of sending, each with the round trip, or `None` if there was no network.
     samples: Vec<(Duration, Option<Duration>)>,
 }
 
 /// The results of some drives.
 #[derive(Default)]
 struct AnswerFigures {
-    /// Each frame's: how long it took, and its AP in tenths.
+    /// Each frame's response time, and its AP in tenths.
     answers: Vec<(Duration, u32)>,
     calls: usize,
     processor: Duration,
@@ -118,7 +119,7 @@ fn main() {
     }
 }
 
-/// One pass through all drives.
+/// Plays all drives once.
 fn drive_all(detectors: DetectorUse, longest: Duration) -> AnswerFigures {
     let mut all = AnswerFigures::default();
     for (name, columns) in DRIVES {
@@ -168,7 +169,8 @@ fn samples(text: &str, column: &str) -> Vec<(Duration, Option<Duration>)> {
     lines.map(row).collect()
 }
 
-/// Each frame's time and AP, sorted by neither, and how often clouds were called.
+/// Plays one drive. Returns each frame's time and AP, in no particular order, and the number of
+/// calls to clouds.
 async fn drive(
     detectors: DetectorUse,
     networks: [Vec<(Duration, Option<Duration>)>; 2],
@@ -227,7 +229,8 @@ fn service(detectors: DetectorUse, networks: &[Arc<RecordedTrips>; 2]) -> Detect
     }
 }
 
-/// The first call is of the first cloud, the second one of the second; the first answer is taken.
+/// Returns a service that calls the first cloud and then the second one, and takes the first
+/// answer.
 fn hedged(
     first: (Detector, &Arc<RecordedTrips>),
     second: (Detector, &Arc<RecordedTrips>),
@@ -253,7 +256,7 @@ fn hedged(
     BoxCloneService::new(fallback.build().layer(limited).map_err(|error| format!("{error:?}")))
 }
 
-/// A detector in a cloud.
+/// Returns a detector in a cloud.
 fn cloud(
     ((runtime, ap), network): (Detector, &Arc<RecordedTrips>),
 ) -> impl Service<HedgedFrame, Response = u32, Error = String, Future: Send> + Clone + Send + 'static
@@ -270,7 +273,7 @@ fn cloud(
 }
 
 impl RecordedTrips {
-    /// Returns the round trip of what is sent now. Without a network it waits for one.
+    /// Returns the round trip of a message that is sent now, including the wait for the network.
     fn round_trip(&self) -> Duration {
         let now = self.start.elapsed();
         let next = self.samples.partition_point(|(sent, _)| *sent <= now);

@@ -1,5 +1,5 @@
-//! Time per input at 3 clouds and a window of 16, arrivals from recorded drives, beside a hash map and a heap,
-//! their passes in turns.
+//! Measures the time per input with 3 clouds and a window of 16, with arrivals from recorded
+//! drives. A machine of a hash map and a heap is measured in turns for comparison.
 
 use std::collections::hash_map::RandomState;
 use std::hint::black_box;
@@ -13,7 +13,7 @@ use fuseline_core::Commit;
 use fuseline_traces::Input;
 use rustc_hash::FxBuildHasher;
 
-/// One pass over all inputs, and how long it took.
+/// Applies all inputs once. Returns the decisions, and how long that took.
 #[inline(never)]
 fn pass(mut machine: impl Machine, inputs: &[Input]) -> (DecisionTally, Duration) {
     let mut tally = DecisionTally::default();

@@ -1,8 +1,8 @@
-//! Measures what one hop of a pipeline costs: a chain of operators with lineages and one end-to-end
-//! deadline, beside tasks, channels and a `select!` written by hand.
+//! Measures the cost of one hop in a pipeline. A chain of operators with lineages and one
+//! end-to-end deadline is compared with hand-written tasks, channels and a `select!`.
 //!
-//! Each hop has local and a cloud, both ready after a few turns of the runtime. Everything runs on one thread, both sides in turns
-//! in one run; figures are medians over the turns.
+//! Each hop has local and a cloud, and both are ready after a few turns of the runtime. Everything
+//! runs on one thread, with both sides in turns in one run. The figures are medians over the turns.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ use tokio::time::{interval, sleep_until};
 const END_TO_END: Duration = Duration::from_millis(500);
 const TURNS: usize = 5;
 
-/// A chain of this many operators, and how messages come.
+/// The number of operators in a chain, and the pace of messages.
 #[derive(Clone, Copy)]
 struct ChainPace {
     hops: u32,
@@ -28,8 +28,7 @@ struct ChainPace {
     messages: u32,
 }
 
-/// The cost of a hop on one side: processor time, and latencies of the median and of one in a
-/// hundred.
+/// The cost of a hop on one side: the processor time, and the latency's median and 99th percentile.
 struct HopCost {
     processor: Duration,
     p50: Duration,
@@ -58,7 +57,7 @@ fn main() {
     }
 }
 
-/// One turn of one side.
+/// Runs one turn of one side.
 fn cost<F: Future<Output = Vec<Duration>>>(pace: ChainPace, run: fn(ChainPace) -> F) -> HopCost {
     let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
     let before = process_time();
@@ -95,7 +94,7 @@ async fn source(rounds: u32, value: u64) -> u64 {
     value
 }
 
-/// Local is ready first, and the cloud's result is sent.
+/// Registers a cloud whose result is sent, and returns a local computation that is ready before it.
 fn set_up<I: Send + Sync + 'static>(
     setup: &mut Setup<I, u64>,
     value: fn(&I) -> u64,
@@ -105,9 +104,9 @@ fn set_up<I: Send + Sync + 'static>(
     Local::future(move |it: Arc<I>, _| async move { Ok(source(1, value(&it)).await) })
 }
 
-/// The first one reads numbers.
+/// The first hop, which reads numbers.
 struct FirstHop;
-/// The others read items.
+/// A later hop, which reads items.
 struct NextHop;
 
 impl Operator for FirstHop {
@@ -130,7 +129,7 @@ impl Operator for NextHop {
 
 async fn with_operators(pace: ChainPace) -> Vec<Duration> {
     let (mut writer, input) = stream(64);
-    // The latency of the hops downstream.
+    // The reserve is the latency of the hops downstream.
     let config = |hop: u32| Config {
         reserve: vec![Latency::stated((pace.hops - hop) * Duration::from_millis(1))],
         ..Config::default()
@@ -156,7 +155,7 @@ async fn with_operators(pace: ChainPace) -> Vec<Duration> {
     latencies
 }
 
-/// A message by hand: when it was captured, and its value.
+/// A message of the hand-written side: the instant of its capture, and its value.
 type Captured = (Instant, u64);
 
 async fn with_channels(pace: ChainPace) -> Vec<Duration> {
@@ -180,8 +179,8 @@ async fn with_channels(pace: ChainPace) -> Vec<Duration> {
     latencies
 }
 
-/// The code that one would write for one hop if there were no library: one message at a time, one
-/// deadline, and no window, queue, gate, count, trace, reserve or reason.
+/// Plays one hop as one would write it without the library: one message at a time, one deadline,
+/// and no window, queue, gate, count, trace, reserve or reason.
 async fn hop_by_hand(mut input: mpsc::Receiver<Captured>, output: mpsc::Sender<Captured>) {
     while let Some((captured, value)) = input.recv().await {
         let mut local = std::pin::pin!(source(1, value));

@@ -1,15 +1,15 @@
 //! Measures how many operators one core carries at 30 messages a second each, until outputs come
 //! late, and how much memory an operator takes.
 //!
-//! Each operator has local, which takes 20 ms, and two clouds of 30 and 40 ms; the best answers. All run
-//! on one thread. An output is late if it comes more than 5 ms after its cloud answered: that is the
-//! lateness that the guard counts on by default.
+//! Each operator has local, which takes 20 ms, and two clouds of 30 and 40 ms; the best answers.
+//! All run on one thread. An output is late if it comes more than 5 ms after its cloud answered,
+//! which is the guard's default lateness.
 //!
-//! Beside it stands what one would write by hand: a task for each message that waits for the best with a `select!`, and a
-//! channel. It has no window, queue, gate, counts or reasons.
+//! For comparison it measures hand-written code: a channel, and for each message a task that waits
+//! for the best result with a `select!`. That code has no window, queue, gate, counts or reasons.
 //!
-//! With the feature `virtual-time` no host is too slow: the bench finds for how many operators the
-//! processor time of one core is enough.
+//! With the feature `virtual-time` no host is too slow. Then the bench finds the number of
+//! operators for which the processor time of one core suffices.
 
 use std::env;
 use std::fs;
@@ -25,13 +25,13 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at, sleep};
 
-/// From one message of an operator to the next.
+/// The time from one message of an operator to the next.
 const PERIOD: Duration = Duration::from_nanos(1_000_000_000 / 30);
 const MESSAGES: u64 = 90;
 const ANSWERS: Duration = Duration::from_millis(40);
 const LATENESS: Duration = Duration::from_millis(5);
-/// Outputs run late if more than this share of them is, in per cent: on a machine with other work on it
-/// some always are.
+/// There are too many operators if more than this percentage of all outputs is late. On a busy host
+/// some outputs are always late.
 const SHARE: usize = 50;
 
 struct Small;
@@ -59,7 +59,8 @@ impl Operator for Small {
 type Ends = (JoinHandle<()>, JoinHandle<Vec<Duration>>);
 
 fn main() {
-    // `scale 1000`: this many alone; `scale 1000 Fuseline`: of one contestant, which fails if they are too many.
+    // `scale 1000` tries only this many operators. `scale 1000 Fuseline` tries them with one
+    // contestant and fails if there are too many.
     let mut arguments = env::args().skip(1).filter(|argument| argument != "--bench");
     let only: Option<usize> = arguments.next().and_then(|argument| argument.parse().ok());
     let of = arguments.next();
@@ -93,8 +94,8 @@ fn header(name: &str) {
     );
 }
 
-/// Doubles until it is too much, then halves the gap. Each number has a process of its own, whose memory nothing has taken
-/// before.
+/// Doubles the number until it is too large, and then halves the gap. Each number runs in a process
+/// of its own, with fresh memory.
 fn most(name: &str) -> usize {
     let program = env::current_exe().expect("this program");
     let carries = |operators: usize| {
@@ -114,7 +115,7 @@ fn most(name: &str) -> usize {
     most
 }
 
-/// Runs this many operators for three seconds. Returns whether outputs were in time.
+/// Runs this many operators for three seconds. Returns `true` if their outputs were in time.
 fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
     let mut builder = Builder::new_current_thread();
     #[cfg(feature = "virtual-time")]
@@ -126,7 +127,7 @@ fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
         let mut feeders = Vec::new();
         let began = Instant::now() + PERIOD;
         for index in 0..operators {
-            // All cameras have phases of their own.
+            // Each camera has a different phase.
             let share = u32::try_from(index * 1000 / operators).unwrap_or(0);
             let (feeder, reader) = spawn(began + PERIOD * share / 1000);
             feeders.push(feeder);
@@ -163,7 +164,7 @@ fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
     is_in_time
 }
 
-/// An operator whose first message comes at `first`.
+/// Starts an operator whose first message comes at `first`.
 fn with_adapter(first: Instant) -> Ends {
     let (writer, input) = stream(64);
     let (_, mut output) = spawn(Small, Config::default(), input).expect("it is configured");
@@ -197,7 +198,7 @@ fn by_hand(first: Instant) -> Ends {
     (feeder, reader)
 }
 
-/// Waits for the best of one message, with one deadline for both clouds.
+/// Waits for the best result of one message, with one deadline for both clouds.
 async fn best(message: u64, output: mpsc::Sender<Duration>) {
     let source = |ms| async move {
         sleep(Duration::from_millis(ms)).await;
@@ -230,7 +231,7 @@ async fn feed(mut writer: Writer<u64>, first: Instant) {
     let mut ticks = ticks(first);
     for t in 0..MESSAGES {
         ticks.tick().await;
-        // If an operator lags this far, its answers show it.
+        // If the stream is full, the operator's late outputs show that it lags.
         let _ = writer.write(t);
     }
 }
@@ -239,7 +240,7 @@ fn process_time() -> Duration {
     clock_gettime(ClockId::ProcessCPUTime).try_into().expect("it is positive")
 }
 
-/// The process's memory, in bytes.
+/// Returns the process's resident memory in bytes.
 fn resident() -> usize {
     let statm = fs::read_to_string("/proc/self/statm").unwrap_or_default();
     let pages: usize = statm.split(' ').nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);

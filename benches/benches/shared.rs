@@ -1,8 +1,9 @@
-//! The machine for many threads beside the plain one behind a lock of the standard library or of `parking_lot`: results
-//! from 1, 2 and 4 threads for the same messages, all measured in turns in one run.
+//! Compares the machine for many threads with the plain machine behind a lock of the standard
+//! library or of `parking_lot`. 1, 2 and 4 threads give results for the same messages, and all are
+//! measured in turns in one run.
 //!
-//! The threads walk through the messages side by side, so that their calls meet at the same ones. The owner's part,
-//! opens and offers, is measured on one thread before.
+//! The threads go through the messages side by side, so that their calls meet at the same messages.
+//! The owner's part, which is opens and offers, is measured before that on one thread.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,21 +17,22 @@ use fuseline_threads::Shared;
 use fuseline_traces::nanos;
 
 const WINDOW: usize = 1024;
-/// Local's and the clouds'.
+/// The priorities of local and the clouds.
 const PRIORITIES: [Priority; 4] =
     [Priority::LOCAL, Priority::new(1), Priority::new(2), Priority::new(3)];
 const SOURCES: usize = PRIORITIES.len();
-/// Enough operations that every thread has begun long before the first one ends.
+/// The number of machines. There are enough operations that every thread begins long before the
+/// first one ends.
 const MACHINES: usize = 32;
 const MESSAGES: usize = MACHINES * WINDOW;
 const CALLS: usize = MESSAGES * SOURCES;
-/// Odd, so that there is a median.
+/// The number of turns. It is odd, so that there is a median.
 const TURNS: usize = 21;
-/// No timer fires.
+/// A deadline so long that no timer fires.
 const LONG: Deadline = Deadline::from_millis(1_000_000);
 const NOW: Instant = Instant::from_nanos(1);
 
-/// Gives a source's result for one of the messages; says whether to forward.
+/// Gives a source's result for one of the messages. Returns `true` if it is to be forwarded.
 type GiveResult<'a> = dyn Fn(usize, Priority) -> bool + Sync + 'a;
 
 /// A machine with as many open messages as its window holds.
@@ -39,7 +41,8 @@ trait Machine {
 
     fn new(clouds: &[Cloud]) -> Self;
 
-    /// Opens messages from `t` on, each offered to all clouds; answers how to give their results and how long this took.
+    /// Opens messages from `t` on and offers each to all clouds. Returns a function that gives
+    /// their results, and how long this took.
     fn fill(&mut self, t: u64) -> (Box<GiveResult<'_>>, Duration);
 }
 
@@ -73,7 +76,8 @@ impl Machine for LockFree {
     }
 }
 
-/// Opens and offers at a plain machine, one call at a time as an owner would.
+/// Makes opens and offers on a plain machine, one call at a time as an owner would. Returns how
+/// long that took.
 fn fill(t: u64, mut at: impl FnMut(&mut dyn FnMut(&mut Fusion<3, WINDOW>))) -> Duration {
     let start = Clock::now();
     for t in (t..).take(WINDOW).map(Timestamp::new) {
@@ -144,11 +148,11 @@ const fn is_forwarded(outcome: &Outcome<3>) -> bool {
 /// The measurements of one machine with this number of threads.
 #[derive(Default)]
 struct Figures {
-    /// Calls in a second, a turn each.
+    /// The calls per second of each turn.
     rates: Vec<f64>,
-    /// Opens and offers of a message, a turn each, in ns.
+    /// The time for a message's open and offers in each turn, in ns.
     fills: Vec<f64>,
-    /// Each call alone, in ns, its two readings of the clock included.
+    /// The time of each single call in ns, including its two readings of the clock.
     times: Vec<u64>,
 }
 
@@ -163,7 +167,7 @@ impl<M: Machine> Bench<M> {
         Self { machines: (0..MACHINES).map(|_| M::new(&clouds)).collect(), t: 0 }
     }
 
-    /// One turn: all results by this many threads, either timed together or each alone.
+    /// Runs one turn: this many threads give all results, which are timed together or one by one.
     fn turn(&mut self, threads: usize, each_alone: bool, figures: &mut Figures) {
         let filled = self.machines.iter_mut().map(|machine| machine.fill(self.t));
         let (gives, fills): (Vec<_>, Vec<_>) = filled.unzip();
@@ -201,7 +205,7 @@ impl<M: Machine> Bench<M> {
     }
 }
 
-/// One thread's share: each of the threads in turn takes a call, local's and the clouds', message by message.
+/// Makes one thread's share of the calls. The calls of each message go to the threads in turn.
 fn work(
     gives: &[Box<GiveResult>],
     number: usize,

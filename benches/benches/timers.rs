@@ -1,6 +1,6 @@
-//! Measures how late outputs leave: with tokio's timers and with the kernel's, beside a `select!`
-//! written by hand and a thread that sleeps by `clock_nanosleep` (cyclictest's method); idle, and
-//! with twice as many busy threads as cores.
+//! Measures how late outputs are sent with tokio's timers and with the kernel's. They are compared
+//! with a hand-written `select!` and with a thread that sleeps by `clock_nanosleep` (cyclictest's
+//! method), on an idle host and with twice as many busy threads as cores.
 
 use std::future::pending;
 use std::hint::spin_loop;
@@ -23,7 +23,7 @@ use tokio::time::{interval, sleep};
 const MESSAGES: u64 = 1500;
 const PERIOD: Duration = Duration::from_millis(2);
 
-/// Runs one way to wait, and says how late each timer was.
+/// Runs one way to wait. Returns how late each timer was.
 type Run = fn() -> Vec<Duration>;
 
 fn main() {
@@ -54,13 +54,13 @@ fn main() {
     }
 }
 
-/// The median, 99 of 100 and the greatest, in µs.
+/// Returns the median, the 99th percentile and the greatest, in µs.
 fn quantiles(mut late: Vec<Duration>) -> [u128; 3] {
     late.sort_unstable();
     [50, 99, 100].map(|per_cent| late[(late.len() - 1) * per_cent / 100].as_micros())
 }
 
-/// Threads that do nothing but run, while this lives.
+/// Threads that keep the cores busy until this is dropped.
 struct Busy(Arc<AtomicBool>);
 
 impl Busy {
@@ -88,7 +88,7 @@ fn runtime() -> Runtime {
     Builder::new_current_thread().enable_all().build().expect("a runtime")
 }
 
-/// 7 ms to 16 ms, mostly between tokio's ticks.
+/// Returns a deadline from 7 ms to 16 ms, mostly between tokio's ticks.
 fn deadline(message: u64) -> Duration {
     Duration::from_millis(7) + Duration::from_micros(message * 137 % 9000)
 }
@@ -108,7 +108,7 @@ impl Operator for UnansweredOperator {
     }
 }
 
-/// On a thread under `SCHED_FIFO`.
+/// Runs it on a thread under `SCHED_FIFO`.
 fn first(run: Run) -> Vec<Duration> {
     let run = move || {
         let priority = ThreadPriority::Crossplatform(50_u8.try_into().expect("from 1 to 99"));
@@ -160,7 +160,7 @@ fn of_select() -> Vec<Duration> {
     })
 }
 
-/// A cloud that never answers, and a timer.
+/// Waits with a hand-written `select!` for a cloud that never answers, and for a timer.
 async fn by_hand(message: u64, output: mpsc::Sender<Duration>) {
     let began = Instant::now();
     let late = tokio::select! {

@@ -1,10 +1,12 @@
-//! Time per input, by kind of input, in full windows of 4 to 1024 (P9): the worst of dense, strided and random
-//! timestamps, touched in random order, and of dense ones, the oldest first.
+//! Measures the time per input in full windows of 4 to 1024 (P9), by kind of input. It is the worst
+//! of four loads: dense, strided and random timestamps in random order, and dense timestamps with
+//! the oldest first.
 
 use fuseline_benches::beside::{in_turns, passes};
 use fuseline_benches::window::{BenchKind, INPUTS, Load, Spacing, flat};
 
-/// ns an input by the median and by the best pass; each the worst of the four loads.
+/// Returns the ns per input of the median and of the best pass, each for the worst of the four
+/// loads.
 fn measure<const WINDOW: usize>(kind: BenchKind) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
     for spacing in Spacing::ALL {

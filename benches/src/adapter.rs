@@ -1,5 +1,5 @@
-//! One operator with local and two clouds, and a `select!` written by hand for the same three sources: what the bench `adapter`
-//! times, and of which the binary `messages` counts the instructions.
+//! One operator with local and two clouds, and a hand-written `select!` for the same three sources.
+//! The bench `adapter` times them, and the binary `messages` runs them to count instructions.
 
 use std::pin::{Pin, pin};
 use std::sync::Arc;
@@ -24,17 +24,17 @@ pub struct Pace {
     pub name: &'static str,
     /// The number of messages that a turn has.
     pub messages: u64,
-    /// From one message to the next; none waits for the answer.
+    /// The time from one message to the next, or `None` if each waits for the previous answer.
     period: Option<Duration>,
-    /// The operator's.
+    /// The operator's window.
     window: u16,
     sources: [Take; 3],
 }
 
-/// States how a source takes its time.
+/// The way in which a source takes its time.
 #[derive(Clone, Copy)]
 enum Take {
-    /// Rounds of the runtime.
+    /// Waits for this many rounds of the runtime.
     Rounds(u32),
     Sleeps(Duration),
 }
@@ -53,7 +53,7 @@ pub const PACED: Pace = Pace {
     name: "200 Hz, sources of 5, 10 and 20 ms",
     messages: 200,
     period: Some(Duration::from_millis(5)),
-    // A machine that stalls must not make it refuse anything.
+    // A host that stalls must not make the operator refuse anything.
     window: 128,
     sources: [
         Take::Sleeps(Duration::from_millis(5)),
@@ -79,8 +79,9 @@ async fn source(take: Take, value: u64) -> u64 {
     value
 }
 
-/// Ready once the runtime has woken it this many times. Unlike `yield_now`, and like an answer from a network, it gains
-/// nothing from being polled besides, as `select!` does to all sources whenever one of them is ready.
+/// Ready once the runtime has woken it this many times. Extra polls do not help it, unlike
+/// `yield_now` and like an answer from a network. `select!` polls all sources whenever one of them
+/// is ready.
 struct Rounds {
     remaining: u32,
     alarm: Option<Arc<Alarm>>,
@@ -118,7 +119,7 @@ impl Wake for Alarm {
     }
 }
 
-/// Three sources whose best is always in time.
+/// An operator with three sources, of which the best is always in time.
 struct Fused(Pace);
 
 impl Operator for Fused {
@@ -131,7 +132,7 @@ impl Operator for Fused {
             let handle = move |value, _| async move { Ok(source(take, value).await) };
             let response_handler = move |value| Ok(value + u64::from(priority));
             let send = |message: &u64, _| Some((*message, LONG));
-            // As with the window.
+            // This has the same reason as the window.
             setup.use_cloud(handle, send, response_handler, priority).calls = 128;
         }
         Local::futures(1024, move |message: Arc<u64>, _| async move {
@@ -211,8 +212,8 @@ pub async fn with_select(pace: Pace) {
     assert_best(pace, sum);
 }
 
-/// The code that one would write for one message if there were no library: one task, one deadline
-/// for both clouds, and no window, queue, gate, count, trace or reason.
+/// Handles one message as one would without the library: one task, one deadline for both clouds,
+/// and no window, queue, gate, count, trace or reason.
 async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
     let [local, one, two] = sources;
     let mut local = pin!(source(local, message));
@@ -237,7 +238,7 @@ async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
     output.send(answer).await.expect("somebody waits for it");
 }
 
-/// The best source, which adds 2, answered every message.
+/// Checks that the best source, which adds 2, answered every message.
 fn assert_best(pace: Pace, sum: u64) {
     let expected: u64 = (0..pace.messages).map(|message| message + 2).sum();
     assert_eq!(sum, expected);

@@ -7,7 +7,8 @@ use fuseline_traces::Input;
 
 use crate::machine::{DecisionTally, Machine};
 
-/// Round trips of three drives, a cloud each: good coverage, coverage lost, outages of seconds.
+/// The round trips of three drives, one for each cloud: good coverage, coverage that is lost, and
+/// outages of seconds.
 const DRIVES: [&str; 3] = [
     include_str!("../../testkit/data/cicv5g/urban_n78_v40.csv"),
     include_str!("../../testkit/data/cicv5g/strong_to_weak_n8_v30.csv"),
@@ -16,11 +17,11 @@ const DRIVES: [&str; 3] = [
 
 /// The time that the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an A100), in ns.
 const RUNTIMES: [u64; 3] = [118_200_000, 146_600_000, 90_100_000];
-/// DETR-ResNet-50 on an Orin, in ns.
+/// The time that local's DETR-ResNet-50 takes on an Orin, in ns.
 const LOCAL_RUNTIME: u64 = 301_700_000;
-/// In ns: 20 Hz, the rate of the recordings.
+/// The time between messages in ns: 20 Hz, the rate of the recordings.
 const PERIOD: u64 = 50_000_000;
-/// In ns.
+/// The deadline of each request in ns.
 const DEADLINE: u64 = 500_000_000;
 
 /// The window of the measured machines.

@@ -1,8 +1,8 @@
-//! The machine that one would write without thinking of worst cases: a hash map of timestamps and a
-//! binary heap of timers.
+//! The machine that one would write without a thought for worst cases: a hash map of timestamps and
+//! a binary heap of timers.
 //!
-//! It decides by the core's own step, so that only the bookkeeping is compared. Timers that were disarmed stay in
-//! the heap and are skipped when they come up.
+//! It uses the core's own step to decide, so that only the bookkeeping is compared. Disarmed timers
+//! stay in the heap and are skipped when they come up.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};

@@ -1,4 +1,5 @@
-//! Times of several contestants in one binary, their passes in turns, so that placement and a busy machine touch all alike.
+//! Times several contestants in one binary, with their passes in turns, so that memory placement
+//! and a busy host affect all of them equally.
 
 use std::time::Duration;
 

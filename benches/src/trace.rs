@@ -1,4 +1,4 @@
-//! A trace for what reads and judges: a camera's run, made up as it goes.
+//! Generates a trace of a camera's run for benches that read and judge.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,7 +10,7 @@ use fuseline_traces::{Cloud, Commit, ExpectedDecisions, Header, Input, Reference
 const DEADLINE: u64 = 500_000_000;
 /// The time from one message to the next.
 const PERIOD: u64 = 100_000_000;
-/// The sources' usual response times; a cloud's tail reaches beyond its deadline.
+/// The sources' usual response times. A cloud's tail reaches beyond its deadline.
 const USUAL: [u64; 4] = [301_700_000, 90_000_000, 180_000_000, 240_000_000];
 
 /// Returns a camera's run at 10 Hz with three clouds, as JSON Lines of at least this many lines, and how many it has.
@@ -45,7 +45,7 @@ pub fn trace(least: usize) -> (Vec<u8>, u64) {
     (run.out, run.lines as u64)
 }
 
-/// A run that is being made up: the rules' answers are written as it goes.
+/// A run that is being generated. The reference machine's decisions are written as it goes.
 struct Run {
     reference: Reference,
     demands: ExpectedDecisions,
@@ -65,7 +65,7 @@ impl Run {
         Self { reference, demands, arrivals, random: Rng::with_seed(1), out, lines: 1 }
     }
 
-    /// Lets the arrivals come and the timers fire that do so before `at`.
+    /// Plays the arrivals and the timers that come before `at`.
     fn until(&mut self, at: u64) {
         loop {
             let arrival = self.arrivals.peek().map(|Reverse(arrival)| *arrival);

@@ -108,7 +108,7 @@ fn ready<const WINDOW: usize>(machine: &mut SizedFusion<WINDOW>) -> Ready<'_, 3,
     }
 }
 
-/// Makes machines in which all timestamps are open, as far as the kind needs it.
+/// Creates machines in which all timestamps are open, as far as the kind of input needs that.
 fn machines<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Vec<SizedFusion<WINDOW>> {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let machine = || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
@@ -118,7 +118,7 @@ fn machines<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Vec<SizedFusio
     }
     let limited = matches!(kind, BenchKind::ExpireWaiting);
     for (i, t) in &load.timestamps {
-        // A deadline long after every cloud's due.
+        // The deadline is long after every cloud's due instant.
         let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
         let opening = ready(&mut machines[*i]).open(Timestamp::new(*t), deadline);
         assert_eq!(opening, Opening::Accepted);
@@ -167,7 +167,8 @@ pub fn flat<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Duration {
     elapsed
 }
 
-/// One input of the kind for every timestamp. Not inlined, for tools that count instructions from outside.
+/// Applies one input of the kind for every timestamp. It is not inlined, so that tools can count
+/// its instructions.
 #[inline(never)]
 fn touch<const WINDOW: usize>(machines: &mut [SizedFusion<WINDOW>], load: &Load, kind: BenchKind) {
     match kind {
@@ -178,7 +179,7 @@ fn touch<const WINDOW: usize>(machines: &mut [SizedFusion<WINDOW>], load: &Load,
         }
         BenchKind::ExpireWaiting | BenchKind::ExpireForwarded => {
             for machine in machines {
-                // A tick at each due instant, as a driver would.
+                // This ticks at each due instant, as a driver would.
                 for _ in 0..WINDOW {
                     let Some(due) = machine.next_due() else { break };
                     assert!(matches!(black_box(machine.at(due)), At::Fired(_)));
@@ -212,7 +213,7 @@ fn touch<const WINDOW: usize>(machines: &mut [SizedFusion<WINDOW>], load: &Load,
     }
 }
 
-/// Marks the end of what is counted.
+/// Marks the end of the counted part.
 #[inline(never)]
 fn touch_done() {
     black_box(());

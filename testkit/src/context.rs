@@ -24,7 +24,7 @@ pub struct RunContext {
     gates: BTreeMap<u64, Gate>,
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
-    /// Every timestamp ever opened; a retired one as it was at its end.
+    /// Every timestamp ever opened. A retired one stays as it was at its end.
     histories: BTreeMap<u64, History>,
     open: BTreeSet<u64>,
     requested: Vec<(u64, u64)>,
@@ -258,7 +258,7 @@ impl RunContext {
         self.commit == Commit::Progressive && best.is_some_and(|best| best > p)
     }
 
-    /// Notes an input that was accepted without a decision.
+    /// Notes an open or a failure that was accepted, which no decision states.
     fn accept(&mut self, input: &Input, own: &ExpectedDecisions) {
         match *input {
             Input::Open { t, deadline, .. } if own.is_empty() => {

@@ -13,8 +13,8 @@ pub(crate) mod wide;
 
 use flood::DepartureOrder;
 
-/// The number of newest timestamps or requests among which a step looks. One step looks among twice
-/// as many.
+/// The number of the newest timestamps or requests among which a step chooses. One kind of step
+/// chooses among twice as many.
 const RECENT: usize = 12;
 /// One run in this many fills the greatest window.
 const FLOODS: u64 = 250;
@@ -49,7 +49,7 @@ impl Generator {
         let mut writer = InputGenerator::new(&header, draw);
         writer.start();
         if is_flood {
-            // More than the greatest window holds.
+            // The flood is larger than the greatest window.
             writer.flood(u64::from(GREATEST) + 6, &header);
         }
         for _ in 0..steps {
@@ -117,7 +117,7 @@ enum StepKind {
     Flood,
 }
 
-/// Generates inputs, with the reference machine to know where the edges are.
+/// Generates inputs. It follows the reference machine to know where the edges are.
 struct InputGenerator {
     context: RunContext,
     draw: Draw,

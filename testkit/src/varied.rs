@@ -54,7 +54,7 @@ enum RunKind {
 }
 
 impl RunKind {
-    /// Returns the kind of a family's first run; the others are mixed.
+    /// Returns the kind of a family's first run. The other runs are mixed.
     const fn of_family(family: u64) -> Self {
         if family % GIANT == GIANT - 1 {
             return Self::Giant;
@@ -101,7 +101,7 @@ impl VariedGenerator {
     }
 }
 
-/// Generates inputs, with the reference machine to know where the edges are.
+/// Generates inputs. It follows the reference machine to know where the edges are.
 struct RunWriter<'a> {
     header: &'a Header,
     context: RunContext,
@@ -137,7 +137,8 @@ impl<'a> RunWriter<'a> {
         }
     }
 
-    /// Returns the clock, or before the first input the instant at which the run begins.
+    /// Returns the clock's reading, or the instant at which the run begins if there was no input
+    /// yet.
     fn now(&self) -> u64 {
         self.context.now().max(self.time.start)
     }

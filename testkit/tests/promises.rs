@@ -157,10 +157,10 @@ fn a_timer_that_is_not_owed_or_not_kept_breaks_p8() {
     // Under patient a held result must have no timer, and this machine keeps it.
     let hold = [Decision::Hold { at: 1, t: 0, p: 2 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 2 }, &hold).contains(&Promise::P8));
-    // Too early.
+    // This timer fires too early.
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(liar.fire(2, &[Decision::Timer { at: 2, t: 0, p: 5 }]).contains(&Promise::P8));
-    // Overdue.
+    // This timer is overdue.
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(liar.fire(3, &[]).contains(&Promise::P8));
 }
@@ -202,7 +202,7 @@ fn wrong_count_or_reason_of_outcomes_breaks_p11() {
 #[test]
 fn outliving_local_and_the_requests_breaks_p12() {
     let timer = |at, p| Decision::Timer { at, t: 0, p };
-    // Local came, and the last request is due.
+    // Local's result came, and the last request is due.
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(!liar.fire(2, &[]).contains(&Promise::P12));

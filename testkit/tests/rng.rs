@@ -1,6 +1,6 @@
 use fuseline_testkit::Rng;
 
-/// The streams are those of fastrand 2.5.
+/// The streams are the same as fastrand 2.5's.
 #[test]
 fn a_seed_draws_what_it_always_drew() {
     let rng = &mut Rng::with_seed(42);
@@ -15,7 +15,7 @@ fn a_seed_draws_what_it_always_drew() {
     assert_eq!(words, [16, 4, 7, 19]);
     let words: Vec<u64> = (0..4).map(|_| rng.u64(1_000..80_000)).collect();
     assert_eq!(words, [79_135, 59_136, 76_163, 20_461]);
-    // Half of the draws are repeated.
+    // About half of the draws are rejected and repeated.
     let words: Vec<u64> = (0..3).map(|_| rng.u64(0..(1 << 63) + 1)).collect();
     assert_eq!(
         words,

@@ -1,6 +1,8 @@
-//! Full windows of 16 and of 1024, one pass for each kind of input and load, for a tool that counts instructions from outside.
+//! Runs full windows of 16 and of 1024, one pass for each kind of input and load, under a tool that
+//! counts instructions.
 //!
-//! `benches/worst-case` runs it. Prints a line for each pass: the window, how many inputs it has, and the kind.
+//! `benches/worst-case` runs it. It prints a line for each pass: the window, the number of inputs,
+//! and the kind.
 
 use std::hint::black_box;
 

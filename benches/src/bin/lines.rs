@@ -1,6 +1,6 @@
-//! A trace read and judged, each by a function of its own, for a tool that counts instructions from outside.
+//! Reads and judges a trace, each in a function of its own, under a tool that counts instructions.
 //!
-//! `benches/worst-case` runs it. Prints how many lines the trace has.
+//! `benches/worst-case` runs it. It prints the number of lines in the trace.
 
 use std::hint::black_box;
 use std::io::{self, Cursor};
@@ -11,7 +11,8 @@ use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::packed::unpack;
 use fuseline_traces::{Events, judge};
 
-/// The number of lines that it has at least: enough that the judges' sets have their usual size.
+/// The least number of lines in the trace, which is enough for the judges' sets to reach their
+/// usual size.
 const LINES: usize = 50_000;
 const SLACK: Slack = Slack { tolerance: 2_000_000, lateness: 5_000_000 };
 
@@ -23,7 +24,7 @@ fn lines_read(trace: &[u8]) {
     }
 }
 
-/// From MCAP to lines, which are not read.
+/// Unpacks MCAP to lines, but does not parse them.
 #[inline(never)]
 fn lines_unpacked(packed: &[u8]) {
     let mut lines = unpack(black_box(packed)).expect("it can be read");
@@ -42,13 +43,13 @@ fn lines_observed(trace: &[u8]) {
     assert!(verdict.violations.is_empty());
 }
 
-/// Marks the end of each for a tool that dumps its counters at the start of functions.
+/// Marks the end of each step for a tool that dumps its counters at the start of functions.
 #[inline(never)]
 fn lines_done() {
     black_box(());
 }
 
-/// The trace as MCAP with zstd.
+/// Returns the trace as MCAP with zstd.
 fn mcap(trace: &[u8]) -> Vec<u8> {
     let mut reader = Events::new("trace", trace).expect("a header");
     let mut packed = Cursor::new(Vec::new());

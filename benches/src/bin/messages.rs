@@ -1,19 +1,19 @@
-//! Messages back to back through an operator, or by hand with the argument `by-hand`, for a tool that counts instructions from
-//! outside.
+//! Sends messages back to back through an operator, or with the argument `by-hand` through
+//! hand-written code, under a tool that counts instructions.
 //!
-//! `benches/worst-case` runs it. Prints how many messages there are.
+//! `benches/worst-case` runs it. It prints the number of messages.
 
 use std::env;
 
 use fuseline_benches::adapter::{BACK_TO_BACK, runtime, with_adapter, with_select};
 
-/// The subject of a count.
+/// Runs the adapter, whose instructions are counted.
 #[inline(never)]
 fn messages_of_adapter() {
     runtime().block_on(with_adapter(BACK_TO_BACK));
 }
 
-/// The comparison.
+/// Runs the hand-written code for comparison.
 #[inline(never)]
 fn messages_by_hand() {
     runtime().block_on(with_select(BACK_TO_BACK));

@@ -1,4 +1,4 @@
-//! `trace LINES`: the trace of the benches, of at least this many lines, onto standard output.
+//! `trace LINES` prints the trace of the benches, with at least this many lines.
 
 use std::io::{self, Write, stdout};
 

@@ -1,7 +1,9 @@
-//! Inputs chosen to be expensive, one function a kind, for tools that count instructions and stack from outside.
+//! Applies inputs that were chosen to be expensive, with one function for each kind, under tools
+//! that count instructions and stack.
 //!
-//! `benches/worst-case` runs it. Argument `inputs`: the whole sequence; `stack`: the same on a thread of its own, the
-//! machines elsewhere; `idle`: such a thread that does nothing, to subtract.
+//! `benches/worst-case` runs it. The argument `inputs` runs the whole sequence. `stack` runs it on
+//! a thread of its own, with the machines on the heap. `idle` runs a thread that does nothing,
+//! whose figures are subtracted.
 
 use std::hint::black_box;
 
@@ -10,10 +12,10 @@ use fuseline_testkit::Rng;
 
 type SmallFusion = Fusion<3, 16>;
 
-/// Enough for timestamps to take all seats many times over.
+/// The number of rounds, which is enough for timestamps to take every place many times.
 const ROUNDS: u64 = 4_000;
 
-/// The input alone: nothing is due at the instants given.
+/// Returns the ready machine. Nothing is due at the given instants, so only the input is counted.
 fn ready(machine: &mut SmallFusion, now: u64) -> Option<Ready<'_, 3, 16>> {
     match machine.at(Instant::from_nanos(now)) {
         At::Ready(ready) => Some(ready),
@@ -61,7 +63,8 @@ fn input_done() {
     black_box(());
 }
 
-/// One for each commit rule, on the heap: a thread's stack then holds what the inputs need and no machine.
+/// Returns a machine for each commit rule, on the heap, so that the thread's stack contains no
+/// machine.
 fn machines() -> [Box<SmallFusion>; 2] {
     let clouds = [3, 1, 2].map(|p| Cloud::new(Priority::new(p), 31));
     [Commit::Eager, Commit::Patient].map(|commit| {
@@ -74,7 +77,8 @@ fn inputs(machines: &mut [Box<SmallFusion>; 2]) {
         let mut random = Rng::with_seed(1);
         let (mut now, mut newest) = (0, 0);
         for _ in 0..ROUNDS {
-            // Kept nearly full, touched anywhere, with dues that now and then coincide.
+            // The window is kept nearly full and touched at random places, and due instants
+            // sometimes coincide.
             if machine.len() < 16 - random.usize(0..3) {
                 newest += random.u64(1..6);
                 let deadline = random.bool().then(|| Deadline::from_nanos(random.u64(1..41)));
@@ -101,7 +105,8 @@ fn inputs(machines: &mut [Box<SmallFusion>; 2]) {
     }
 }
 
-/// Runs deeper in the stack than a thread's start and end ever are, so that the greatest depth is that of `run`.
+/// Runs deeper in the stack than a thread's start and end ever are, so that `run` determines the
+/// greatest depth.
 #[inline(never)]
 fn below_all_else(run: impl FnOnce()) {
     let above = black_box([0_u8; 1 << 14]);

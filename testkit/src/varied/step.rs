@@ -30,7 +30,7 @@ enum VariedStep {
     Gate,
     /// Many messages at once.
     Flood,
-    /// Open timestamps are ended.
+    /// Some open timestamps are ended.
     Drain,
 }
 
@@ -121,7 +121,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// All that outrank a request fail, in any order.
+    /// Fails all sources that outrank a request, in random order.
     pub(super) fn fail_above(&mut self, t: u64, p: u64) {
         let at = self.now();
         let requested = self.context.requested().iter().copied();
@@ -142,7 +142,7 @@ impl RunWriter<'_> {
         self.push(if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } });
     }
 
-    /// Passes some of the due instants of now, or all of them.
+    /// Advances the clock past some of the current due instants, or past all of them.
     fn late_tick(&mut self) {
         let requested = self.context.requested().iter().copied();
         let mut dues: Vec<u64> = requested.filter_map(|(t, p)| self.context.due(t, p)).collect();
@@ -161,7 +161,8 @@ impl RunWriter<'_> {
         self.push(Input::Tick { at });
     }
 
-    /// Ends some open timestamps, the oldest first or the newest: its clouds fail and local returns, or fails too.
+    /// Ends some open timestamps, the oldest or the newest first. Their clouds fail, and local
+    /// returns or fails too.
     fn drain(&mut self) {
         let mut open: Vec<u64> = self.context.open().iter().copied().collect();
         if self.draw.one_in(2) {

@@ -18,9 +18,9 @@ const SCALES: [u64; 12] = [
     60_000_000_000,
     3_600_000_000_000,
 ];
-/// A unit in nanoseconds, for clocks that count in it.
+/// The units, in nanoseconds, in which clocks may count.
 const UNITS: [u64; 4] = [1, 1_000, 1_000_000, 1_000_000_000];
-/// Ten hours: no pause is longer, other than one that a number's width suggests.
+/// The longest pause is ten hours, except for pauses that test the width of numbers.
 const PAUSE: u64 = 36_000_000_000_000;
 
 /// The scale of a run, and where its clock begins.
@@ -37,7 +37,7 @@ impl TimeScale {
         let start = match draw.between(0, 15) {
             0..8 => 0,
             8 => draw.between(0, PAUSE),
-            // Today, as a wall clock counts it.
+            // The run begins at a wall clock's reading in the year 2025 or so.
             9 => 1_750_000_000_000_000_000 + draw.between(0, PAUSE),
             10 => u64::MAX.saturating_sub(scale.saturating_mul(draw.between(0, 40))),
             _ => {
