@@ -1,6 +1,7 @@
-//! `fuseline check`: traces against the rules.
+//! `fuseline check`: checks traces against the rules.
 //!
-//! Files are judged several at a time and reported in their order. `judging` has the judges' options, `verdict` the text.
+//! Files are judged several at a time and reported in their order. `judging` has the judges'
+//! options, and `verdict` has the text.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, Write};
@@ -186,7 +187,8 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
         return Err(FollowError::NotOne.into());
     }
     let name = path.display().to_string();
-    // Before the file is looked at: whoever sees that it was read may interrupt.
+    // The interrupt is watched before the file is opened, because a user who sees that the file was
+    // read may interrupt.
     let interrupt = Interrupt::watch();
     let file = plain_file(path, &name)?;
     let bar = ProgressBar::no_length();

@@ -1,6 +1,7 @@
-//! `fuseline deadline`: which deadline is safe at a speed, and which is worth it.
+//! `fuseline deadline`: shows which deadline is safe at a speed, and which one is worth the wait.
 //!
-//! The policies are those of `fuseline-deadline`; here are the options, the observations and the table.
+//! `fuseline-deadline` has the policies. This module has the options, the observations and the
+//! table.
 
 use std::fmt;
 use std::io::{self, Read, Write};
@@ -25,7 +26,7 @@ use crate::input::open;
 use crate::sink::OutputSink;
 use crate::table::table;
 
-/// The columns of a file of observations; the last may be missing.
+/// The columns of a file of observations. The last one is optional.
 const COLUMNS: [&str; 3] = ["response_s", "answered", "count"];
 
 #[derive(clap::Args)]
@@ -143,7 +144,7 @@ struct SpeedRow {
 pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
     let guard = guard(args).map_err(|invalid| {
         let options = options_at_fault(invalid);
-        // Classes have ranges of their own.
+        // If there are classes, the ranges come from them.
         let is_class = !args.class.is_empty() && options.starts_with("--range");
         DeadlineError::Invalid { invalid, options: if is_class { "--class" } else { options } }
     })?;

@@ -1,4 +1,4 @@
-//! `fuseline impl`: the core behind the protocol of `fuseline drive`.
+//! `fuseline impl`: answers with the core's decisions, by the protocol of `fuseline drive`.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 
@@ -71,7 +71,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
             (Err(error), _) => return Err(fault(error.message, error.column)),
         }
         answer.extend_from_slice(DONE);
-        // The other side waits for the answer, unless it has sent more already.
+        // The other side waits for the answer unless it has already sent more.
         if input.buffer().is_empty() || answer.len() >= CHUNK {
             out.write_all(&answer).and_then(|()| out.flush()).map_err(Fault::Output)?;
             answer.clear();

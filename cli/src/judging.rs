@@ -20,13 +20,13 @@ use crate::part::PartOptions;
 /// States how the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TraceEnd {
-    /// Whatever has not come by then is missing.
+    /// Whatever has not come by the end of the trace is missing.
     Whole,
-    /// The run has ended: what is not there is missing, whenever it was due.
+    /// The run has ended. Everything that is not in the trace is missing, whenever it was due.
     Ended,
-    /// The trace was cut short: what is not there may still have come.
+    /// The trace was cut short. What is not in it may still have come.
     Early,
-    /// The trace grows: what is not there may still come.
+    /// The trace grows. What is not in it may still come.
     Growing,
 }
 
@@ -77,7 +77,7 @@ pub(crate) struct AcceptOption {
 }
 
 impl AcceptOption {
-    /// The verdict with what is accepted.
+    /// Returns the verdict with these doubts accepted.
     pub(crate) fn accepted(&self, found: Verdict) -> Verdict {
         found.accepting(&self.accept)
     }
@@ -117,7 +117,8 @@ pub(crate) enum TraceStep {
     Cut(u64),
 }
 
-/// Returns the next step of a trace; it may end where it was cut short if that is allowed.
+/// Returns the next step of a trace. It may end with a line that was cut short if `end` allows
+/// that.
 pub(crate) fn next_event<R: BufRead>(
     reader: &mut Events<R>,
     end: TraceEnd,
@@ -138,7 +139,7 @@ pub(crate) fn next_event<R: BufRead>(
     }
 }
 
-/// Returns why a trace cannot be read, with the option that would help.
+/// Returns the reason why a trace cannot be read, with the option that would help.
 fn unread(error: ReadError) -> Fault {
     if error.to_string().ends_with("judged as observed") {
         return Fault::own(ObservedTrace(error));
@@ -151,12 +152,12 @@ fn unread(error: ReadError) -> Fault {
 #[error("{0}; give --observed --tolerance TIME --lateness TIME")]
 struct ObservedTrace(ReadError);
 
-/// A trace ends in the midst of a line.
+/// A trace ends in the middle of a line.
 #[derive(Debug, Error)]
 #[error("{0}; --truncated judges everything before it")]
 struct TruncatedTrace(ReadError);
 
-/// Reads a trace's header for the judge that is chosen.
+/// Reads a trace's header for the chosen judge.
 pub(crate) fn reader<R: BufRead>(
     mode: JudgeMode,
     name: &str,
@@ -192,12 +193,12 @@ impl JudgeOptions {
         }
     }
 
-    /// The verdict with what is accepted.
+    /// Returns the verdict with these doubts accepted.
     pub(crate) fn accepted(&self, found: Verdict) -> Verdict {
         self.accept.accepted(found)
     }
 
-    /// Returns a judge of the trace that was begun to be read.
+    /// Returns a judge for the trace whose header was read.
     pub(crate) fn judging<R: BufRead>(
         &self,
         name: &str,
@@ -217,7 +218,7 @@ impl JudgeOptions {
         })
     }
 
-    /// Returns the part of the trace that is meant, if it is not the whole.
+    /// Returns the part of the trace to judge, or `None` for the whole.
     pub(crate) fn part(&self) -> Result<Option<TraceRange>, Fault> {
         self.part.part()
     }
@@ -267,7 +268,7 @@ struct Tolerance {
     time: Duration,
 }
 
-/// An option whose meaning holds always.
+/// An option that no longer exists, because it is always in force.
 #[derive(Debug, Error)]
 #[error(
     "--require-judged no longer exists: a trace in which nothing is judged is in doubt (exit code 3); omit it"
@@ -325,7 +326,7 @@ fn time(text: &str) -> Result<Duration, String> {
     duration(text, "2ms", &ANY)
 }
 
-/// Returns the verdict at that end; `cut` is the line that was cut short.
+/// Returns the verdict at the trace's end. `cut` is the line that was cut short.
 pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Verdict {
     match end {
         TraceEnd::Whole => judging.finish(),

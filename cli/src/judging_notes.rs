@@ -26,7 +26,7 @@ impl JudgingNotes {
         }
     }
 
-    /// Warns of what makes the verdict worth little.
+    /// Warns of everything that makes the verdict worth little.
     pub(crate) fn warn(&self, found: &Verdict) {
         let (file, requests) = (&found.file, self.requests);
         if self.mode.is_none() && found.broken() > 0 && self.offers == 0 && requests > 0 {

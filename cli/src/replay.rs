@@ -1,4 +1,4 @@
-//! `fuseline replay`: inputs through the core, as a whole trace.
+//! `fuseline replay`: applies inputs to the core and prints the whole trace.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! `fuseline report`: traces and what the judge says of them, as one page for a browser.
+//! `fuseline report`: shows traces and their verdicts on one page for a browser.
 
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ pub(crate) struct Args {
     options: JudgeOptions,
 }
 
-/// Traces are looked at this often.
+/// The time between two looks at the traces.
 const WATCH: Duration = Duration::from_millis(500);
 
 /// `--watch` was used without names of files.
@@ -85,7 +85,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let interrupt = Interrupt::watch();
     let mut seen = state(&inputs);
     let mut exit = make(args, &output, TraceEnd::Growing)?;
-    // The page is this command's own from here on.
+    // From here on the page belongs to this command, which may overwrite it.
     let output = Output::new(Path::new(output.name()), &inputs, Overwrite { force: true })?;
     while !interrupt.is_set() {
         thread::sleep(WATCH);
@@ -94,7 +94,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
             seen = now;
             match make(args, &output, TraceEnd::Growing) {
                 Ok(made) => exit = made,
-                // It may be in the midst of being written.
+                // The trace may just be in the middle of a write.
                 Err(fault) => print_line(format_args!("warning: {fault}; the page stays as it is")),
             }
         }
@@ -102,7 +102,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
-/// Returns the state by which a trace shows that it has changed.
+/// Returns the size and the time of change of each trace, to notice changes.
 fn state(inputs: &[&Path]) -> Vec<Option<(u64, SystemTime)>> {
     let of = |path: &&Path| {
         let metadata = path.metadata().ok()?;
@@ -133,7 +133,7 @@ fn make(args: &Args, output: &Output, end: TraceEnd) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
-/// Makes the page of one trace, judged strictly; `doubted` adds what is in doubt besides.
+/// Makes the page of one trace, judged strictly. `doubted` adds further doubts.
 pub(crate) fn of(
     trace: &Path,
     output: &Output,
@@ -145,10 +145,10 @@ pub(crate) fn of(
     write(output, &page)
 }
 
-/// The trace's key for what `run` knows beside it, in `x`, the writer's own key.
+/// The key of the notes of `run` in a line's `x`, which is the writer's own key.
 pub(crate) const NOTES: &str = "fuseline_run";
 
-/// Returns a trace's last line, a tick that changes nothing, with what `run` knows beside it.
+/// Returns a trace's last line, a tick that changes nothing, with the notes of `run`.
 pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
     let line = json!({ "ev": "tick", "at": at, "x": { NOTES: notes } });
     format!("{line}\n")
@@ -156,7 +156,7 @@ pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
 
 /// Returns the notes of `run` on a line.
 fn notes(line: &[u8]) -> Option<RunNotes> {
-    // Nearly no tick has any.
+    // Almost no tick has notes, so this checks for them first.
     line.windows(NOTES.len()).find(|key| *key == NOTES.as_bytes())?;
     let line: Value = serde_json::from_slice(line).ok()?;
     RunNotes::deserialize(line.get("x")?.get(NOTES)?).ok()

@@ -1,4 +1,4 @@
-//! `fuseline scenario`: the experiments of `fuseline-evaluation`, with this command's errors.
+//! `fuseline scenario`: plays the experiments of `fuseline-evaluation`, with this command's errors.
 
 use fuseline_deadline::Invalid;
 pub(crate) use fuseline_evaluation::Args;
@@ -11,7 +11,7 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::sink::OutputSink;
 
-/// The vehicle of the options makes no sense.
+/// The options describe an impossible vehicle.
 #[derive(Debug, Error)]
 #[error("{invalid}; change {}", options_at_fault(*.invalid))]
 struct InvalidOptions {
@@ -21,7 +21,7 @@ struct InvalidOptions {
 /// Plays a scenario.
 ///
 /// # Errors
-/// If the options make no sense, or something cannot be read or written.
+/// Returns an error if the options make no sense, or if something cannot be read or written.
 pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
     fuseline_evaluation::play(args, &mut OutputSink::new(anstream::stdout()))?;
     Ok(Exit::Conforms)

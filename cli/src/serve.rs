@@ -1,4 +1,5 @@
-//! `fuseline serve`: one emulated cloud for operators elsewhere, or a recorded network before a real server.
+//! `fuseline serve`: serves one emulated cloud for operators elsewhere, or puts a recorded network
+//! before a real server.
 
 use std::io::{self, Write};
 use std::net::SocketAddr;
@@ -111,7 +112,7 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
     answering(args, answer(emulation, Arc::default()), &description)
 }
 
-/// Answers by `infer`, which serves `description`.
+/// Serves calls with `infer`, which `description` describes.
 fn answering(args: &Args, infer: impl Infer, description: &str) -> Result<Exit, Fault> {
     let server = grpc::Server {
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
@@ -126,7 +127,7 @@ fn answering(args: &Args, infer: impl Infer, description: &str) -> Result<Exit, 
     ended.map(|()| Exit::Conforms)
 }
 
-/// Forwards calls to `url` behind the emulation's network.
+/// Forwards calls to `url` over the emulation's network.
 fn forwarding(address: SocketAddr, url: &str, emulation: Emulation) -> Result<Exit, Fault> {
     let description = format!("{url} behind {}", emulation.drive.name());
     let Emulation { drive, start, .. } = emulation;
@@ -143,10 +144,10 @@ fn forwarding(address: SocketAddr, url: &str, emulation: Emulation) -> Result<Ex
     ended.map(|()| Exit::Conforms)
 }
 
-/// Listens at `address`, says so, and answers by `infer` until Ctrl-C.
+/// Listens at `address`, prints that, and serves calls with `infer` until Ctrl-C.
 ///
 /// # Errors
-/// If it cannot listen, or certificates are of no use.
+/// Returns an error if it cannot listen or if the certificates cannot be used.
 pub(crate) async fn listen(
     infer: impl Infer,
     server: grpc::Server,
@@ -162,7 +163,7 @@ pub(crate) async fn listen(
     listening(address, scheme, description, interrupt, until_interrupted).await
 }
 
-/// Listens at `address`, says so, and serves until Ctrl-C.
+/// Listens at `address`, prints that, and serves until Ctrl-C.
 async fn listening(
     address: SocketAddr,
     scheme: &str,
@@ -174,7 +175,7 @@ async fn listening(
     let listener = TcpListener::bind(address).await.map_err(cannot)?;
     let address = listener.local_addr().map_err(cannot)?;
     let mut serving = pin!(serve(listener));
-    // Unusable certificates or URLs show at once.
+    // Unusable certificates or URLs end serving at once.
     tokio::select! {
         biased;
         early = &mut serving => return early.map_err(Fault::from),
@@ -186,7 +187,7 @@ async fn listening(
         .map_err(Fault::Output)?;
     tokio::select! {
         late = &mut serving => late.map_err(Fault::from),
-        // Calls under way may take as long as their network is away.
+        // Calls under way are not awaited, because they may take as long as their network is away.
         () = interrupt.wait() => Ok(()),
     }
 }

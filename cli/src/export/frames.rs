@@ -1,7 +1,9 @@
-//! One frame through several operators: which messages of several traces come from it, and how far apart the traces' clocks are.
+//! Follows frames through several operators: which messages of several traces come from the same
+//! frame, and how far apart the traces' clocks are.
 //!
-//! Each trace counts from its operator's start. A message's instant less its age is when its frame was captured, by its own
-//! trace's clock; a frame that two traces have tells how far their clocks are apart.
+//! The clock of each trace begins at its operator's start. A message's instant minus its age is the
+//! capture of its frame on that clock. A frame that two traces share shows how far apart their
+//! clocks are.
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -14,7 +16,7 @@ type FrameKey = (String, u64);
 /// The frames of all traces that are exported together.
 #[derive(Default)]
 pub(super) struct Frames {
-    /// By their frame, the first message of each trace that comes from it: the trace, its timestamp and when it was opened.
+    /// For each frame, the first message of each trace that comes from it.
     shared: BTreeMap<FrameKey, SharedFrame>,
     /// The offset that is added to the instants of each trace.
     offsets: Vec<i128>,
@@ -25,17 +27,17 @@ pub(super) struct Frames {
 /// One frame.
 #[derive(Default)]
 struct SharedFrame {
-    /// From 1.
+    /// The number of the frame, from 1.
     number: usize,
     messages: Vec<FrameMessage>,
 }
 
-/// One trace's message that comes from it.
+/// One trace's message that comes from the frame.
 struct FrameMessage {
     trace: usize,
     t: u64,
     opened: u64,
-    /// The instant of its capture by its trace's clock, if its age is known.
+    /// The instant of its capture on its trace's clock, if its age is known.
     captured: Option<i128>,
 }
 
@@ -45,7 +47,7 @@ pub(super) struct TraceFrames<'a> {
     trace: usize,
 }
 
-/// The place of an arrow at a message.
+/// The place of a message along its frame's arrow.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum FlowPhase {
     Begin,
@@ -73,14 +75,15 @@ impl Frames {
         }
     }
 
-    /// Finds out, after all events, how far the clocks are apart, and puts each frame's messages in
-    /// order.
+    /// Computes how far apart the clocks are, and sorts each frame's messages. It is called after
+    /// all events.
     pub(super) fn align(&mut self) {
         let mut known = vec![false; self.offsets.len()];
         if let Some(first) = known.first_mut() {
             *first = true;
         }
-        // A trace may share frames with one that is itself known by another's alone.
+        // This repeats, because a trace may share frames only with a trace whose offset becomes
+        // known on the way.
         while self.align_next(&mut known) {}
         let least = self.offsets.iter().copied().min().unwrap_or_default();
         for offset in &mut self.offsets {
@@ -119,7 +122,7 @@ impl TraceFrames<'_> {
         self.trace + 1
     }
 
-    /// Returns `true` if nothing of the file's events was written before; once.
+    /// Returns `true` on the first call, when none of the file's events has been written.
     pub(super) fn take_first(&self) -> bool {
         self.frames.is_first.replace(false)
     }
@@ -130,7 +133,8 @@ impl TraceFrames<'_> {
         u64::try_from(i128::from(at) + offset).unwrap_or(u64::MAX)
     }
 
-    /// Returns the number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
+    /// Returns the number of the frame that a message comes from, and the message's place along the
+    /// arrow, or `None` if no other trace has the frame.
     pub(super) fn flow(&self, origin: &Origin, t: u64) -> Option<(usize, FlowPhase)> {
         let key = frame_key(origin)?;
         let SharedFrame { number, messages } = self.frames.shared.get(&key)?;

@@ -1,4 +1,4 @@
-//! `fuseline export`: a trace for other tools' viewers.
+//! `fuseline export`: converts a trace for other tools' viewers.
 
 mod frames;
 mod mcap;

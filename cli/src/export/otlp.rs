@@ -1,6 +1,8 @@
-//! A trace as OpenTelemetry's spans, in OTLP JSON: a message's span, below it one for local and one for each request.
+//! Writes a trace as OpenTelemetry's spans in OTLP JSON. Each message has a span, with a child for
+//! local and one for each request.
 //!
-//! They are written as text, each key in its place by the alphabet: as values of a JSON library they took most of the time.
+//! They are written as text, with the keys in alphabetical order. Building them as values of a JSON
+//! library took most of the time.
 
 use std::borrow::Cow;
 use std::collections::btree_map::Entry;
@@ -13,24 +15,25 @@ use ring::digest::{SHA256, digest as digest_of};
 
 use crate::export::viewer::TraceViewer;
 
-/// Spans are written when they end, so what is held is bounded by the window.
+/// Writes spans when they end, so the window bounds the number of stored ones.
 pub(super) struct SpanWriter<W> {
     out: W,
     commit: Commit,
     operator: String,
-    /// The names of operator, local and clouds, as JSON has them.
+    /// The names of the operator, local and the clouds, in JSON.
     operator_name: String,
     names: BTreeMap<u64, String>,
     open: BTreeMap<u64, MessageSpan>,
-    /// Opened last, and perhaps refused; and the newest before it.
+    /// The timestamp that was opened last and may still be refused, and the newest one before it.
     opened: Option<(u64, Option<u64>)>,
     /// The greatest timestamp opened.
     newest: Option<u64>,
     /// The facts about a message that spans cannot express, unless it is refused or dropped next.
     pending: Option<(&'static str, u64)>,
-    /// The facts that spans cannot express: their number, and the first message.
+    /// For each kind of fact that spans cannot express, the number of facts and their first
+    /// message.
     lost: BTreeMap<&'static str, (u64, u64)>,
-    /// The instant of the last line, and of the last that is in a span.
+    /// The instant of the last line, and of the last line that is in a span.
     ends: (u64, u64),
     is_first: bool,
 }
@@ -49,7 +52,7 @@ struct MessageSpan {
     attributes: SpanAttributes,
     /// Under progressive, the source of the last output, and the instant at which it was sent.
     by: Option<(u64, u64)>,
-    /// The requests.
+    /// The requests, by their priority and attempt.
     asked: BTreeSet<(u64, Option<u8>)>,
     /// Local and the requests that have not ended, by their priority and attempt.
     calls: BTreeMap<(u64, Option<u8>), CallSpan>,
@@ -68,7 +71,7 @@ struct SpanAttributes(String);
 struct EndedSpan<'a> {
     trace_id: &'a str,
     span_id: &'a str,
-    /// None of a message's span.
+    /// `None` for a message's span.
     parent: Option<&'a str>,
     /// The value in JSON.
     name: &'a str,
@@ -84,7 +87,7 @@ struct EndedSpan<'a> {
 enum SpanEnd {
     Result(ValueKeys),
     Failed,
-    /// By a timer or a cancellation.
+    /// A timer or a cancellation ended it.
     EndedByCaller(&'static str),
     /// The trace ends before it.
     Open,
@@ -122,7 +125,8 @@ impl<W: Write> SpanWriter<W> {
         self.lost.entry(what).or_insert((0, t)).0 += 1;
     }
 
-    /// Notes a line of a message that has no span: its own has ended, or it was never opened.
+    /// Notes a line of a message that has no open span. The span has ended, or the message was
+    /// never opened.
     fn loses_late(&mut self, what: &'static str, t: u64) {
         let is_known = self.newest.is_some_and(|newest| t <= newest);
         self.loses(if is_known { what } else { STRANGER }, t);
@@ -270,7 +274,7 @@ impl<W: Write> SpanWriter<W> {
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    /// Ends a message; the instant of the end is none if the trace ends first.
+    /// Ends a message at `at`, which is `None` if the trace ends first.
     fn end_message(
         &mut self,
         at: Option<u64>,
@@ -281,7 +285,7 @@ impl<W: Write> SpanWriter<W> {
         self.end_open_calls(at, t)?;
         let Some(message) = self.open.remove(&t) else { return Ok(()) };
         let MessageSpan { trace_id, span_id, start, mut attributes, by: sent, .. } = message;
-        // Under progressive a message goes on after its output.
+        // Under progressive a message stays open after its output.
         let sent = sent.map(|(_, sent)| sent).filter(|sent| Some(*sent) != at);
         attributes.optional("fuseline.latency", sent.map(|sent| sent.saturating_sub(start)));
         attributes.optional("fuseline.by", by);
@@ -300,8 +304,8 @@ impl<W: Write> SpanWriter<W> {
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    /// Ends the calls that are not awaited any more when their message ends. Without an instant,
-    /// the trace ends first.
+    /// Ends the calls that nothing waits for when their message ends. `at` is `None` if the trace
+    /// ends first.
     fn end_open_calls(&mut self, at: Option<u64>, t: u64) -> io::Result<()> {
         let Some(message) = self.open.get(&t) else { return Ok(()) };
         let calls: Vec<_> = message.calls.keys().copied().collect();
@@ -329,7 +333,7 @@ impl EndedSpan<'_> {
 impl SpanAttributes {
     fn number(&mut self, key: &str, value: u64) {
         self.separate();
-        // Writing to a text cannot fail.
+        // Writing to a string cannot fail.
         let _ = write!(self.0, r#"{{"key":"{key}","value":{{"intValue":"{value}"}}}}"#);
     }
 
@@ -441,7 +445,7 @@ fn digest(text: &str, bytes: usize) -> String {
     digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect()
 }
 
-/// Returns a text as JSON has it, in quotes.
+/// Returns a text as a JSON string, in quotes.
 fn in_json(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }

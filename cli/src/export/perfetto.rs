@@ -1,10 +1,10 @@
 //! The Trace Event Format, which ui.perfetto.dev reads: tracks of slices and instants.
 //!
-//! Slices of one track must not overlap there, and calls to one source do: a source has as many
-//! tracks as calls were ever under way at once, all with its name. Instants are microseconds there,
-//! written as decimals, so that no nanosecond is lost.
+//! Slices of one track must not overlap, but calls to one source do. So a source has as many tracks
+//! as it ever had calls at once, all with the same name. The format counts in microseconds, which
+//! are written with decimals so that no nanosecond is lost.
 //!
-//! Each trace is a process. What ties several together is in [`frames`](super::frames).
+//! Each trace is a process. [`frames`](super::frames) connects several of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -17,7 +17,8 @@ use serde_json::json;
 use crate::export::frames::{FlowPhase, TraceFrames};
 use crate::export::viewer;
 
-/// The track of what was forwarded or missed; tracks of sources are added as they are needed.
+/// The track of forwarded and missed messages. The tracks of sources are added when they are
+/// needed.
 const OUTPUTS: u32 = 1;
 
 pub(super) struct Tracks<'a, W> {
@@ -30,7 +31,7 @@ pub(super) struct Tracks<'a, W> {
     messages: BTreeMap<u64, MessageOrigin>,
     /// The open messages whose timestamp was opened again, which is about to be refused (F1).
     repeated: BTreeSet<u64>,
-    /// By priority; all sources that are not registered share the last one.
+    /// The sources by priority. All sources that are not registered share the key `None`.
     sources: BTreeMap<Option<u64>, SourceTrack>,
     /// `true` if an output leaves its timestamp open (F9).
     is_progressive: bool,
@@ -49,7 +50,7 @@ struct MessageOrigin {
     missing: Vec<Arc<str>>,
 }
 
-/// Local, a cloud, or all that is neither.
+/// Local, a cloud, or all unregistered sources together.
 struct SourceTrack {
     name: String,
     tracks: Vec<Track>,
@@ -59,7 +60,7 @@ struct SourceTrack {
 #[derive(Clone, Copy)]
 struct Track {
     number: u32,
-    /// The instant at which the last slice ended, or `None` while it has not.
+    /// The instant at which the last slice ended, or `None` if it has not ended.
     free: Option<u64>,
 }
 
@@ -72,7 +73,8 @@ struct Slice {
     track_index: usize,
 }
 
-/// A slice or an instant as the file has it, but for its times; its keys stand by the alphabet.
+/// A slice or an instant as it is in the file, without its times. The keys are in alphabetical
+/// order.
 #[derive(Serialize)]
 struct TraceEvent<'a, A> {
     args: A,
@@ -92,7 +94,7 @@ struct EventName<'a> {
     label: &'a str,
 }
 
-/// A number that may be `null`, where the member itself may be left out.
+/// A number that may be `null`, for a member that may also be absent.
 #[derive(Serialize)]
 struct OrNull(Option<u64>);
 
@@ -170,7 +172,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.reported("thread_sort_index", number, "sort_index", number)
     }
 
-    /// Says something about a track.
+    /// Writes a metadata event about a track.
     fn reported(
         &mut self,
         label: &str,
@@ -197,7 +199,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.track(number, &name)
     }
 
-    /// Returns the source of that priority.
+    /// Returns the key of the source with this priority.
     fn source(&self, p: u64) -> Option<u64> {
         Some(p).filter(|p| self.sources.contains_key(&Some(*p)))
     }
@@ -216,7 +218,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         track.map_or(OUTPUTS, |track| track.number)
     }
 
-    /// Appends an event; its times, exact, stand before its other keys.
+    /// Appends an event. Its exact times come before its other keys.
     fn put(&mut self, times: &str, event: &impl Serialize) -> io::Result<()> {
         put(&mut self.out, &self.frames, &mut self.event, times, event)
     }
@@ -248,7 +250,8 @@ impl<'a, W: Write> Tracks<'a, W> {
         let Some(Slice { at: began, due, track_index }) = self.open.remove(&(t, p)) else {
             return Ok(());
         };
-        // F0: an instant may go back, a slice cannot.
+        // An instant may be earlier than the one before (F0), but a slice cannot end before it
+        // begins.
         let at = at.max(began);
         let source = self.source(p);
         self.occupy(source, track_index, Some(at));
@@ -284,8 +287,8 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.put(&times, &event)
     }
 
-    /// Ties a message to those of the other traces that come from the same frame: an arrow from local's slice to local's slice,
-    /// for each message has one.
+    /// Connects a message with the other traces' messages that come from the same frame. The arrow
+    /// runs between local's slices, because every message has one.
     fn flow(&mut self, at: u64, t: u64, origin: &Origin) -> io::Result<()> {
         let Some((id, phase)) = self.frames.flow(origin, t) else { return Ok(()) };
         let Some(Slice { track_index, .. }) = self.open.get(&(t, 0)).copied() else {
@@ -318,11 +321,11 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.instant(at, track, t, label)
     }
 
-    /// Ends what a timestamp still has of sources up to this one.
+    /// Ends the open slices of a timestamp, for the sources up to `last`.
     fn retire(&mut self, at: u64, t: u64, last: u64) -> io::Result<()> {
         let ended: Vec<u64> = self.open.range((t, 0)..=(t, last)).map(|((_, p), _)| *p).collect();
         for p in ended {
-            // F7: local computes on, a cloud is cancelled.
+            // A cloud is cancelled, but local's computation continues (F7).
             self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
         if last == u64::MAX {
@@ -342,7 +345,7 @@ impl<'a, W: Write> Tracks<'a, W> {
             }
             Decision::RefuseOpen { at, t, why } => {
                 self.of_source(at, 0, t, &format!("refused, {why}"))?;
-                // The message that is open stays as it is.
+                // The refused open does not change the open message.
                 if self.repeated.remove(&t) {
                     return Ok(());
                 }
@@ -418,7 +421,7 @@ impl Serialize for EventName<'_> {
     }
 }
 
-/// Appends an event to the file, by way of `line`.
+/// Appends an event to the file. `line` is a reused buffer.
 fn put(
     out: &mut impl Write,
     frames: &TraceFrames<'_>,
@@ -435,7 +438,7 @@ fn put(
     out.write_all(line)
 }
 
-/// Microseconds, exactly.
+/// Converts nanoseconds to microseconds exactly.
 fn micros(nanos: u64) -> String {
     format!("{}.{:03}", nanos / 1000, nanos % 1000)
 }

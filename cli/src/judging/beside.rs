@@ -1,4 +1,4 @@
-//! A trace read in one thread and judged in another, line by line and in order.
+//! Reads a trace in one thread and judges it in another, line by line and in order.
 
 use std::io::BufRead;
 use std::panic::resume_unwind;
@@ -13,7 +13,7 @@ use crate::judging::{TraceEnd, TraceStep, next_event};
 
 /// The number of lines that pass from one thread to the other at once.
 const BATCH: usize = 2048;
-/// Reading waits while this many batches wait to be judged.
+/// The number of batches that may wait to be judged before reading waits.
 const WAITING: usize = 4;
 
 /// A line as it was read.
@@ -25,11 +25,12 @@ struct LineRead {
 
 type LineBatch = Vec<LineRead>;
 
-/// Reads a trace to its end, and judges it meanwhile by `judge`, which takes each line's number and what it says. `read` takes each
-/// line's bytes too, in the reading thread. Returns the line that was cut short, if one may be and is.
+/// Reads a trace to its end. Another thread calls `judge` with each line's number and contents. The
+/// reading thread calls `read`, which also gets each line's bytes. Returns the line that was cut
+/// short, if that is allowed and happened.
 ///
 /// # Errors
-/// Of the earliest line with which something is wrong.
+/// Returns the error of the earliest line that cannot be read or judged.
 pub(crate) fn judge_lines(
     reader: &mut Events<impl BufRead>,
     end: TraceEnd,
@@ -44,7 +45,7 @@ pub(crate) fn judge_lines(
         drop(lines);
         (read, judge.join())
     });
-    // A line that cannot be judged stands before one that cannot be read.
+    // A line that cannot be judged comes before a line that cannot be read.
     judged.unwrap_or_else(|panic| resume_unwind(panic))?;
     read
 }
@@ -57,7 +58,7 @@ fn read_batches(
 ) -> Result<Option<u64>, Fault> {
     let mut cut = None;
     loop {
-        // Memory that was used before needs no pages of the system.
+        // Reusing memory saves the system from providing new pages.
         let mut batch = spare.try_recv().unwrap_or_else(|_| Vec::with_capacity(BATCH));
         let mut read = Ok(true);
         while read.as_ref().is_ok_and(|goes_on| *goes_on) && batch.len() < BATCH {
@@ -78,7 +79,7 @@ fn read_batches(
                 true
             });
         }
-        // When judging has ended, it returns the reason.
+        // If judging has ended early, it returns the reason.
         let is_judged = lines.send(batch).is_ok();
         if !read? || !is_judged {
             return Ok(cut);
@@ -96,7 +97,7 @@ fn judge_batches(
         for LineRead { line, event, annotations } in batch.drain(..) {
             judge(line, event, annotations.as_deref().unwrap_or(&none))?;
         }
-        // If there is no room for it, it is not needed.
+        // If there is no room for the batch, it is not needed any more.
         drop(judged.try_send(batch));
     }
     Ok(())

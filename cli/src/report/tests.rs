@@ -1,4 +1,4 @@
-//! The page, the tables of a run and the operator's own counts agree.
+//! Tests that the page, the tables of a run and the operator's own counts agree.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::run::sources_table;
 
-/// Drives an operator through a run's inputs; answers its own tally and the trace that it recorded.
+/// Drives an operator through a run's inputs. Returns its tally and the trace that it recorded.
 fn operate(run: &Run) -> (Tally, Vec<u8>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("trace.jsonl");
@@ -59,7 +59,8 @@ fn statistics_of(trace: &[u8]) -> TraceStatistics {
     statistics
 }
 
-/// A row as the operator counted it; what it does not count apart is checked by the sums.
+/// Checks a row against the operator's counts. Sums check the figures that the operator does not
+/// count separately.
 fn holds(row: &RequestRow, tally: &SourceTally, is_local: bool) {
     let [requests, forwarded, discarded, late, failed, superseded, open, refused] = row.counts;
     assert_eq!(requests, forwarded + discarded + late + failed + superseded + open, "{row:?}");
@@ -67,12 +68,12 @@ fn holds(row: &RequestRow, tally: &SourceTally, is_local: bool) {
     assert_eq!(forwarded, tally.forwarded(), "{row:?}");
     assert_eq!(failed, tally.failed, "{row:?}");
     assert_eq!(refused, tally.refused.values().sum::<u64>(), "{row:?}");
-    // A held result's timer fires too; local's is gone then.
+    // A held result's timer fires too, except for local's, which is disarmed.
     assert!(late == tally.timers || !is_local && late < tally.timers, "{row:?}");
     if !is_local {
         assert_eq!(superseded, tally.cancelled, "{row:?}");
     }
-    // Accepted results are those held and those sent at once; pending ones are what is left.
+    // The accepted results were held or sent at once, and the rest are pending.
     let at_once = tally.outputs.get(&fuseline_engine::Trigger::Arrival).copied().unwrap_or(0);
     let accepted = tally.held + tally.preliminary + at_once;
     assert!(
@@ -81,7 +82,7 @@ fn holds(row: &RequestRow, tally: &SourceTally, is_local: bool) {
     );
 }
 
-/// The numbers in a row of a table for people.
+/// Returns the numbers in a row of a table for people.
 fn numbers(line: &str) -> Vec<u64> {
     line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
 }
@@ -89,7 +90,7 @@ fn numbers(line: &str) -> Vec<u64> {
 #[test]
 fn run_and_page_report_what_the_operator_counted() {
     let generator = Generator { seed: 1, commit: None, clouds: 15 };
-    // Two of them fill the greatest window, ten are long.
+    // Two of the runs fill the greatest window, and ten are long.
     for number in 0..500 {
         let run = generator.run(number);
         let (tally, trace) = operate(&run);

@@ -1,4 +1,4 @@
-//! The camera: a detector operator fed with frames, its clouds behind gRPC.
+//! The camera: a detector operator that is fed with frames and has clouds behind gRPC.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,11 +24,11 @@ use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
-/// The origin of its frames in the trace.
+/// The origin of the camera's frames in the trace.
 const STREAM: &str = "camera";
-/// The command checks this often whether local has caught up.
+/// The time between two checks whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-/// The command checks this often whether there is room for a frame that waits.
+/// The time between two checks whether there is room for a frame that waits.
 const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
@@ -38,14 +38,14 @@ pub(crate) struct Camera<'a> {
     running: Running,
     output: Items<Detections>,
     begun: Vec<Arc<AtomicU64>>,
-    /// They end with this.
+    /// The servers end when this is dropped.
     _servers: JoinSet<Result<(), grpc::ServeError>>,
 }
 
 /// One picture.
 struct Picture(Bytes);
 
-/// The objects that were detected in it; nothing reads them.
+/// The objects that were detected in a picture. Nothing reads them.
 type Detections = Bytes;
 
 /// The operator: detects objects in frames.
@@ -109,7 +109,7 @@ impl Operator for Detector<'_> {
 /// Starts the operator, within a runtime.
 ///
 /// # Errors
-/// If it cannot be started.
+/// Returns an error if the operator cannot be started.
 pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
@@ -138,7 +138,7 @@ impl Camera<'_> {
     ) -> RunMetadata {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up().await;
-        // After the last frame the operator ends once everything is answered.
+        // Dropping the writer ends the operator once everything is answered.
         drop((self.frames, self.output));
         let so_far = self.running.tally();
         let (tally, recording_error) = match self.running.join().await {
@@ -155,12 +155,12 @@ impl Camera<'_> {
         RunMetadata { begun, tally, interrupted, recording_error }
     }
 
-    /// Writes a frame every period; says whether the user ended it.
+    /// Writes a frame every period. Returns `true` if the user ended the run.
     async fn shoot(&mut self, live: &mut RunProgress<'_>, interrupt: &Interrupt) -> bool {
         let Self { plan, frames, running, output, .. } = self;
         let image = Bytes::from(vec![0; REQUEST_BYTES]);
         let (mut period, mut looks) = (interval(plan.period), interval(live.period()));
-        // If the operator lags behind, a frame waits until outputs were read.
+        // If the operator lags behind, a frame waits until outputs are read.
         let (mut shot, mut waiting) = (0, None);
         while shot < plan.frames {
             tokio::select! {
@@ -184,7 +184,8 @@ impl Camera<'_> {
         false
     }
 
-    /// Waits for local's last results: the policies want to know when they came.
+    /// Waits for local's last results, because the comparison of policies needs the instants of
+    /// their arrival.
     async fn catch_up(&mut self) {
         let grace = self.plan.deadline().max(self.plan.local.runtime.saturating_mul(2));
         let caught_up = async {

@@ -10,7 +10,7 @@ use crate::emulation::EmulationError;
 use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::{Model, ModelError};
 
-/// One cloud of the options.
+/// One cloud as the options describe it.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct CloudOptions {
     pub(crate) name: String,
@@ -23,7 +23,7 @@ pub(crate) struct CloudOptions {
 pub(crate) enum CloudAddress {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
-    /// A server elsewhere; what it runs is given only for the report.
+    /// A server elsewhere. The model is stated only for the report.
     Remote { model: Option<Model>, remote: RemoteServer },
 }
 
@@ -31,17 +31,17 @@ pub(crate) enum CloudAddress {
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct RemoteServer {
     pub(crate) url: String,
-    /// The authority that must have signed the server's certificate, PEM.
+    /// The PEM file of the authority that must have signed the server's certificate.
     pub(crate) ca: Option<PathBuf>,
-    /// This side's certificate, PEM.
+    /// The PEM file of this side's certificate.
     pub(crate) cert: Option<PathBuf>,
-    /// This side's private key, PEM.
+    /// The PEM file of this side's private key.
     pub(crate) key: Option<PathBuf>,
     /// A file with the bearer token.
     pub(crate) token: Option<PathBuf>,
 }
 
-/// `west=VALUE`.
+/// A value for a named cloud, written `west=VALUE`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct NamedValue<T> {
     pub(crate) cloud: String,
@@ -72,7 +72,7 @@ pub(crate) enum CloudError {
 }
 
 impl CloudError {
-    /// Returns the key that is wrong, if it is one.
+    /// Returns the wrong key, if the mistake is a key.
     pub(crate) fn key(&self) -> Option<&str> {
         match self {
             Self::Key(key) | Self::Twice(key) => Some(key),
@@ -111,7 +111,7 @@ impl CloudOptions {
     /// Returns the cloud with these keys.
     ///
     /// # Errors
-    /// The first that a key or all together are refused for.
+    /// Returns the first reason to refuse a single key or all keys together.
     pub(crate) fn of_pairs(
         pairs: impl IntoIterator<Item = Result<(String, String), CloudError>>,
     ) -> Result<Self, CloudError> {
@@ -140,11 +140,12 @@ impl CloudOptions {
     }
 }
 
-/// Puts other drives and starts to the clouds that they name. Another drive begins at 0 unless a
-/// start is given.
+/// Changes the drives and starts of the clouds that the options name. A changed drive begins at 0
+/// unless a start is given.
 ///
 /// # Errors
-/// If a cloud is not there or elsewhere, or two have one name.
+/// Returns an error if there is no such cloud, if it is a server elsewhere, or if two clouds have
+/// the same name.
 pub(crate) fn adjust(
     clouds: &mut [CloudOptions],
     drives: &[NamedValue<String>],
@@ -165,7 +166,7 @@ pub(crate) fn adjust(
     Ok(())
 }
 
-/// Finds the drive and start of the cloud of that name, to change them.
+/// Finds the drive and start of the cloud with this name, to change them.
 fn find<'a>(
     option: &'static str,
     clouds: &'a mut [CloudOptions],
@@ -185,8 +186,8 @@ fn find<'a>(
 impl FromStr for CloudOptions {
     type Err = CloudError;
 
-    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150s`, or with
-    /// `url=…` instead of a drive. Values have no commas.
+    /// Reads `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150s`,
+    /// or with `url=…` instead of a drive. Values cannot contain commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
         let pairs = text.split(',').map(|pair| {
             let (key, value) =

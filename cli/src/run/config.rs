@@ -1,4 +1,5 @@
-//! Clouds from a file: TOML with a table `[[cloud]]` for each, whose keys are those of `--cloud`.
+//! Reads clouds from a TOML file with a table `[[cloud]]` for each. The keys are the same as in
+//! `--cloud`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,7 +37,8 @@ pub(crate) enum CloudFileError {
 /// Returns the clouds in a file.
 ///
 /// # Errors
-/// If it cannot be read, is no TOML, or a cloud in it would be refused on the command line.
+/// Returns an error if the file cannot be read, if it is not TOML, or if the command line would
+/// refuse one of its clouds.
 pub(crate) fn clouds(path: &Path) -> Result<Vec<CloudOptions>, CloudFileError> {
     let file = path.display().to_string();
     let bytes = files::bytes(path)?;

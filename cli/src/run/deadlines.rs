@@ -14,13 +14,14 @@ use fuseline_evaluation::models::Model;
 /// libraries' default of 64, about two seconds at 30 frames a second, it would take twice as long
 /// here until a cloud counts as gone.
 const CALLS: usize = 32;
-/// The gain of a cloud's result over local's if one of the two has no figure, in points of AP.
+/// The gain of a cloud's result over local's in points of AP, if the accuracy of one of the two is
+/// unknown.
 const UNKNOWN_GAIN: f64 = 5.0;
 
-/// Chooses the deadlines of all clouds, each time a message comes. Clones are the same one.
+/// Chooses the deadlines of all clouds for each message. Clones share the same state.
 ///
-/// Least expected loss decides: AP lost, and points of AP for waiting. It never probes: calls linger
-/// until the longest deadline, so that their true ends are seen.
+/// The least expected loss decides, which is the lost AP plus the price of waiting in points of AP.
+/// It never probes, because calls linger until the longest deadline and so show their true ends.
 #[derive(Clone)]
 pub(crate) struct RunDeadlines(Arc<Mutex<DeadlineState>>);
 
@@ -28,9 +29,9 @@ struct DeadlineState {
     cap: Duration,
     commit: Commit,
     linger: Duration,
-    /// By cloud.
+    /// The policies, one for each cloud.
     policies: Vec<Expected<Accuracy, CALLS>>,
-    /// For the latest message, by cloud.
+    /// The deadlines chosen for the latest message, one for each cloud.
     chosen: Vec<Chosen>,
 }
 
@@ -41,7 +42,7 @@ struct CloudDeadline {
 }
 
 impl RunDeadlines {
-    /// Makes policies up to the plan's deadline, by its price.
+    /// Creates policies with the plan's deadline as the cap and with the plan's price.
     pub(crate) fn new(plan: &RunPlan) -> Self {
         let aps = plan.clouds.iter().map(|cloud| cloud.served.ap);
         Self::expected(plan.deadline(), plan.commit, &plan.local, aps, plan.price_per_ms)
@@ -72,14 +73,15 @@ impl RunDeadlines {
         })))
     }
 
-    /// Chooses for all clouds when a message came. No policy needs more of the vehicle.
+    /// Chooses the deadlines of all clouds for a new message. No policy needs to know more about
+    /// the vehicle.
     pub(crate) fn next(&self) -> Situation<'static> {
         let situation = Situation::UNKNOWN;
         let DeadlineState { cap, commit, policies, chosen, .. } = &mut *self.state();
         *chosen = policies.iter_mut().map(|policy| policy.decide(&situation, *cap)).collect();
-        // Under eager the first timer that finds a result available commits for all clouds (A4). So
-        // they share the longest deadline that is worth it for one: the timer of a cloud that is
-        // gone fires once the others' results are here, or before local's is, with nothing available.
+        // Under eager the first timer that finds an available result commits for all clouds (A4).
+        // So the clouds share the longest deadline that is worth the wait for any of them.
+        // Otherwise the timer of a cloud that is gone would end the wait for the others.
         if let (Commit::Eager, Some(longest)) =
             (*commit, chosen.iter().copied().max_by_key(|chosen| chosen.deadline))
         {
@@ -99,7 +101,7 @@ impl RunDeadlines {
     }
 
     fn state(&self) -> MutexGuard<'_, DeadlineState> {
-        // No policy panics; what one would leave behind is whole.
+        // No policy panics, and even a panic would leave a sound state.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -151,7 +153,7 @@ mod tests {
             Self { deadlines, policies }
         }
 
-        /// Sends a message to both clouds, which take this long; says its deadlines.
+        /// Sends a message to both clouds, which take this long. Returns its deadlines.
         fn send(&mut self, replies: [Option<u64>; 2]) -> [Duration; 2] {
             let situation = self.deadlines.next();
             let due = [0, 1].map(|i| self.policies[i].decide(&situation, CAP).deadline);
@@ -182,7 +184,7 @@ mod tests {
             let reply = SLOW.filter(|_| !(64..128).contains(&t));
             waits.push(clouds.send([None, reply])[1]);
         }
-        // After 32 ends of calls nothing is remembered from before.
+        // After 32 ends of calls, nothing earlier is remembered.
         assert!(waits[1..65].iter().all(|wait| is_slow(*wait)), "{waits:?}");
         assert_eq!(waits[64 + CALLS..129], [LOCAL; 65 - CALLS]);
         assert!(waits[128 + CALLS..].iter().all(|wait| is_slow(*wait)), "{waits:?}");

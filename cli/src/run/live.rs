@@ -30,7 +30,7 @@ impl<'a> RunProgress<'a> {
         self.line.period()
     }
 
-    /// Shows how things are.
+    /// Shows the current state.
     pub(crate) fn show(&mut self, tally: &Tally) {
         self.warn(tally);
         let elapsed = self.began.elapsed();
@@ -54,7 +54,7 @@ impl<'a> RunProgress<'a> {
         self.line.print(format!("warning: {}: {why}", trace.display()));
     }
 
-    /// Returns the time and the state; nothing as it begins.
+    /// Returns the time and the state, or `None` at the beginning.
     fn shown(&self, elapsed: Duration, tally: &Tally) -> Option<(String, String)> {
         if elapsed.is_zero() || tally.messages == 0 {
             return None;
@@ -67,7 +67,8 @@ impl<'a> RunProgress<'a> {
     }
 }
 
-/// Returns all that came, as in the tables, and whose results were forwarded.
+/// Describes all messages that came, as the tables count them, and the sources of the forwarded
+/// results.
 fn state(tally: &Tally) -> String {
     let refused: u64 = tally.refused.values().sum();
     let messages = counted(tally.messages + refused, "message");
@@ -77,7 +78,8 @@ fn state(tally: &Tally) -> String {
     format!("{messages}, {} missed, {refused} refused; forwarded {forwarded}", tally.missed)
 }
 
-/// Says why the trace ends before its run, without the trace's name and the system's error number.
+/// Returns the reason why the trace ends before its run, without the trace's name and the system's
+/// error number.
 pub(crate) fn recording_error(trace: &Path, why: &str) -> String {
     let name = trace.display().to_string();
     let why = why.strip_prefix(&name).and_then(|why| why.strip_prefix(": ")).unwrap_or(why);

@@ -1,5 +1,6 @@
-//! `fuseline run`: a camera operator with emulated models behind recorded networks, and its trace
-//! judged. `plan` checks the options, `camera` drives the operator, and `report` is made from the trace.
+//! `fuseline run`: runs a camera operator with emulated models behind recorded networks, and judges
+//! its trace. `plan` checks the options, `camera` drives the operator, and `report` reads the
+//! trace.
 
 mod camera;
 mod cloud;
@@ -109,7 +110,7 @@ impl Args {
     }
 }
 
-/// Makes the page of the run's trace, and opens it if that is wanted and can be done.
+/// Makes the page of the run's trace, and opens it if that is wanted and possible.
 fn make(
     page: &Output,
     plan: &RunPlan,

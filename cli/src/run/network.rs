@@ -19,19 +19,19 @@ use crate::run::plan::{CloudServer, RunPlan};
 
 /// A connection to each cloud.
 pub(crate) struct Network {
-    /// In the plan's order.
+    /// The connections, in the plan's order.
     pub(crate) connections: Vec<Connection>,
-    /// The servers of the emulated clouds, each on its own port; they end with this.
+    /// The servers of the emulated clouds, each on its own port. They end when this is dropped.
     pub(crate) servers: JoinSet<Result<(), grpc::ServeError>>,
     /// The instant at which the emulated drives began.
     pub(crate) began: Arc<OnceLock<Instant>>,
 }
 
 impl Network {
-    /// Starts the emulated clouds; connections are made when they are first used.
+    /// Starts the emulated clouds. A connection is made when it is first used.
     ///
     /// # Errors
-    /// If a cloud cannot be as it is described, or this host has no port left.
+    /// Returns an error if a cloud's description cannot be used, or if this host has no free port.
     pub(crate) async fn connect(plan: &RunPlan) -> Result<Self, Fault> {
         let (mut connections, mut servers) = (Vec::new(), JoinSet::new());
         let began = Arc::new(OnceLock::new());
@@ -59,7 +59,7 @@ impl Network {
         Ok(Self { connections, servers, began })
     }
 
-    /// Queries the servers elsewhere for what they serve, and warns where the user said otherwise.
+    /// Asks the servers elsewhere what they serve, and warns if the user stated something else.
     pub(crate) async fn describe(&self, plan: &mut RunPlan) {
         for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
             if matches!(cloud.server, CloudServer::Remote(_))
@@ -77,7 +77,7 @@ async fn listen() -> io::Result<(TcpListener, String)> {
     Ok((listener, url))
 }
 
-/// Reads the files that a remote is reached with.
+/// Reads the files that are needed to reach a remote server.
 fn describe(remote: &RemoteServer) -> Result<grpc::Remote, Fault> {
     let RemoteServer { url, ca, cert, key, token } = remote;
     Ok(grpc::Remote {

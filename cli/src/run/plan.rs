@@ -1,4 +1,5 @@
-//! The plan of a run: its options, checked, with models and drives loaded. What can be refused is refused here.
+//! The plan of a run: its checked options, with models and drives loaded. Every mistake that can be
+//! refused is refused here.
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,8 @@ use fuseline_evaluation::models::Model;
 
 /// The default name of the trace.
 pub(crate) const TRACE: &str = "fuseline-trace.jsonl";
-/// A run may have at most this many messages, because each is remembered for the policies.
+/// The greatest number of messages of a run. It is bounded because each message is stored for the
+/// policies.
 const MESSAGES: u64 = 1_000_000;
 
 #[derive(clap::Args)]
@@ -153,11 +155,11 @@ enum CommitRule {
 /// The plan of a run.
 pub(crate) struct RunPlan {
     pub(crate) span: Duration,
-    /// Frames a second.
+    /// The number of frames per second.
     pub(crate) rate: f64,
     pub(crate) period: Duration,
     pub(crate) frames: u64,
-    /// The longest.
+    /// The longest deadline.
     pub(crate) deadline_ms: u64,
     pub(crate) policy: DeadlinePolicy,
     /// Points of AP for a millisecond of waiting.
@@ -169,7 +171,7 @@ pub(crate) struct RunPlan {
     pub(crate) workers: usize,
     /// The number of calls to one cloud that may be under way at once.
     pub(crate) calls: usize,
-    /// In the order given.
+    /// The clouds, in the order of the options.
     pub(crate) clouds: Vec<CloudPlan>,
     /// The link that all clouds share.
     pub(crate) link: LinkWidth,
@@ -189,11 +191,11 @@ pub(crate) struct CloudPlan {
     pub(crate) server: CloudServer,
 }
 
-/// The answerer of a cloud's requests.
+/// The server that answers a cloud's requests.
 pub(crate) enum CloudServer {
     /// This process.
     Emulated(Emulation),
-    /// Another one.
+    /// A server elsewhere.
     Remote(RemoteServer),
 }
 
@@ -227,13 +229,13 @@ impl RunPlan {
     /// Checks the options and loads the drives.
     ///
     /// # Errors
-    /// The first that holds.
+    /// Returns the first mistake.
     pub(crate) fn new(args: &Args) -> Result<Self, Fault> {
         if args.require_clouds {
             return Err(PlanError::RequireClouds.into());
         }
         let period = Duration::from_secs_f64(args.rate.recip());
-        // A number of frames that is whole up to rounding counts as whole.
+        // A number of frames that is whole except for rounding counts as whole.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -285,7 +287,8 @@ impl RunPlan {
         RecordedLink { width: self.link, drive }.is_limited()
     }
 
-    /// Returns the drive that says what the link carries: the first cloud's whose recording has it.
+    /// Returns the drive whose recording has the link's rates, which is the first cloud's with such
+    /// rates.
     pub(crate) fn link_drive(&self) -> Option<&Emulation> {
         self.clouds.iter().filter_map(CloudPlan::emulation).find(|cloud| cloud.drive.has_rates())
     }
@@ -297,7 +300,7 @@ impl RunPlan {
 }
 
 impl DeadlinePolicy {
-    /// Returns its name, as it is chosen.
+    /// Returns its name on the command line.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Expected => "expected",
@@ -331,7 +334,7 @@ impl CloudPlan {
     }
 }
 
-/// Returns the file for the trace, which must be none of those that the clouds' options name.
+/// Returns the file for the trace. It must not be a file that the clouds' options name.
 fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     let Some(path) = args.trace.as_deref() else { return Ok(TRACE.into()) };
     if is_standard(path) {

@@ -1,10 +1,11 @@
-//! Finds when each request was sent: it waits until a call to its cloud may begin.
+//! Finds the instant when each request was sent, since a request waits until a call to its cloud
+//! may begin.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
 use fuseline_traces::{Decision, Event, Input};
 
-/// The clouds' calls under way and what waits for them, read from a trace.
+/// The clouds' calls under way and the requests that wait, as read from a trace.
 pub(crate) struct Queues {
     at_once: usize,
     clouds: Vec<(u64, OutgoingQueue)>,
@@ -18,7 +19,8 @@ struct OutgoingQueue {
 }
 
 impl Queues {
-    /// Makes empty queues, with at most this many calls at once to each cloud of these priorities.
+    /// Creates empty queues for clouds of these priorities, each with at most `at_once` calls at a
+    /// time.
     pub(crate) fn new(clouds: impl IntoIterator<Item = u16>, at_once: usize) -> Self {
         let clouds = clouds.into_iter().map(|p| (u64::from(p), OutgoingQueue::default())).collect();
         Self { at_once, clouds }
@@ -53,8 +55,8 @@ impl Queues {
         queue.send(at, self.at_once);
     }
 
-    /// Returns when the request for a timestamp was sent. A request that was ended before counts as
-    /// sent then, because its turn would not have come sooner.
+    /// Returns the instant when the request for a timestamp was sent. A request that ended while it
+    /// waited counts as sent at its end, because its turn would not have come earlier.
     pub(crate) fn sent(&self, cloud: usize, t: u64) -> Option<u64> {
         self.clouds.get(cloud)?.1.sent.get(&t).copied()
     }
@@ -93,7 +95,7 @@ mod tests {
             request(1, 1),
             request(2, 2),
             request(3, 3),
-            // Local's results and what was ended already change nothing.
+            // Local's results change nothing, and neither do requests that have already ended.
             Event::Input(Input::Result { at: 4, t: 0, p: 0 }),
             Event::Decision(Decision::Cancel { at: 5, t: 2, p: 7 }),
             Event::Input(Input::Fail { at: 6, t: 2, p: 7 }),

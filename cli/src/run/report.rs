@@ -1,6 +1,7 @@
-//! The report: what a run came to, for people's tables and for `--json`.
+//! The report: the results of a run, for the tables and for `--json`.
 //!
-//! [`Reading`] takes it from the trace, but for what a trace does not have ([`RunMetadata`]).
+//! [`Reading`] takes the results from the trace. [`RunMetadata`] has the facts that are not in the
+//! trace.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -27,13 +28,13 @@ use crate::table::share;
 /// The result of a run.
 #[derive(Debug, Serialize)]
 pub(crate) struct RunReport {
-    /// Messages that came: forwarded, missed, refused or open.
+    /// The number of messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
-    /// `true` if it was ended before its time.
+    /// `true` if the run was ended early.
     pub(crate) interrupted: bool,
-    /// Frames a second.
+    /// The number of frames per second.
     pub(crate) rate: f64,
-    /// The longest.
+    /// The longest deadline.
     pub(crate) deadline_ms: u64,
     /// The policy that chooses each message's deadline.
     pub(crate) policy: &'static str,
@@ -41,27 +42,27 @@ pub(crate) struct RunReport {
     pub(crate) price_per_ms: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
-    /// Calls at once to one cloud.
+    /// The number of calls at once to one cloud.
     pub(crate) calls: usize,
     pub(crate) seed: u64,
     /// Local first, then the clouds.
     pub(crate) sources: Vec<SourceReport>,
-    /// Messages that nothing came for.
+    /// The number of messages without any result.
     pub(crate) missed: u64,
-    /// Messages refused for a full window.
+    /// The number of messages that were refused because the window was full.
     pub(crate) refused: u64,
-    /// Messages still open when the run ended.
+    /// The number of messages that were open when the run ended.
     pub(crate) open: u64,
     #[serde(skip)]
     pub(crate) totals: Totals,
-    /// The longest time after its due instant at which a timer was served; none if none fired.
+    /// The longest delay of a timer after its due instant, or `None` if no timer fired.
     pub(crate) timer_lag_ms: Option<f64>,
-    /// Messages that some cloud would not have answered by the longest deadline.
+    /// The number of messages that some cloud would not have answered by the longest deadline.
     pub(crate) outage_messages: BoundedFigure<u64>,
-    /// Messages that the policies are compared over: all that ended.
+    /// The number of messages over which the policies are compared, which are all that ended.
     #[serde(skip)]
     pub(crate) compared: u64,
-    /// Fusion first.
+    /// The policies, with fusion first.
     pub(crate) policies: Vec<PolicyReport>,
     pub(crate) trace: Verdict,
     /// The page of the run, if one is made.
@@ -82,7 +83,7 @@ pub(crate) struct SourceReport {
     pub(crate) emulated: bool,
     /// The drive that its network is taken from.
     pub(crate) drive: Option<String>,
-    /// Messages answered with its result.
+    /// The number of messages that were answered with its result.
     pub(crate) forwarded: u64,
     /// `forwarded` as a share of all messages.
     pub(crate) share: f64,
@@ -101,17 +102,17 @@ pub(crate) struct SourceReport {
 #[derive(Debug, Serialize)]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
-    /// None if a model has no figure.
+    /// `None` if the accuracy of a model is unknown.
     pub(crate) mean_ap: Option<BoundedFigure<f64>>,
     pub(crate) in_time: BoundedFigure<u64>,
-    /// p50, p90 and p99; null without messages.
+    /// The quantiles p50, p90 and p99, which are `null` without messages.
     #[serde(serialize_with = "quantiles")]
     pub(crate) response_ms: [Option<Quantile>; 3],
-    /// The median of those in outages; null without such.
+    /// The median response time in outages, or `null` if there were none.
     pub(crate) outage_response_ms: Option<Quantile>,
     pub(crate) sent_bytes: u64,
-    /// `true` if it may have sent more: calls that it would have made were never begun, or were ended
-    /// before they were answered.
+    /// `true` if it may have sent more, because calls that it would have made were never begun or
+    /// ended before their answer.
     pub(crate) sent_is_at_least: bool,
 }
 
@@ -133,12 +134,13 @@ pub(crate) struct Reading {
 }
 
 impl RunReport {
-    /// Counts the line with what the run notes beside its events.
+    /// Counts the line that has the run's notes.
     pub(crate) const fn count_noted_line(&mut self) {
         self.trace.lines += 1;
     }
 
-    /// Returns the doubt about clouds that answered no request in time, though some failed or ran to their deadlines.
+    /// Returns the doubt about clouds that answered no request in time, although some requests
+    /// failed or ran to their deadlines.
     pub(crate) fn silent_clouds(&self) -> Option<Doubt> {
         let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
         let is_silent = |row: &RequestRow| row.answered() == 0 && row.lost() > 0;
@@ -156,10 +158,10 @@ impl RunReport {
 }
 
 impl Reading {
-    /// Reads a trace of this plan; it is called `name` in the verdict.
+    /// Reads a trace of this plan. The verdict calls it `name`.
     ///
     /// # Errors
-    /// If it cannot be read to its end.
+    /// Returns an error if the trace cannot be read to its end.
     pub(crate) fn new(trace: &Path, name: &str, plan: &RunPlan) -> Result<Self, Fault> {
         let file =
             File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
@@ -182,7 +184,7 @@ impl Reading {
         Ok(Self { statistics, queues, verdict: judge.finish(), ended_at })
     }
 
-    /// Puts everything together.
+    /// Returns the report of the run.
     pub(crate) fn report(self, plan: &RunPlan, driven: &RunMetadata) -> RunReport {
         let totals = self.statistics.totals();
         let messages = self.messages(plan);
@@ -234,10 +236,11 @@ impl Reading {
         }
     }
 
-    /// Returns the messages with all that is known of their results.
+    /// Returns the messages with everything that is known about their results.
     fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
-        // Local's result either came or is not known; a cloud's call may have been ended. How long it would have waited
-        // for a link is not known either.
+        // Local's result either came or is unknown. A cloud's call may have been ended, and then
+        // its emulation knows how long it would have taken, but not how long it would have waited
+        // for a link.
         let planned = |source: usize, opened: u64, t: u64| {
             let index = source.checked_sub(1).filter(|_| !plan.is_linked())?;
             let emulation = plan.clouds.get(index)?.emulation()?;
@@ -250,7 +253,7 @@ impl Reading {
     }
 }
 
-/// Each policy's score over the same messages and the same requests.
+/// Returns each policy's score over the same messages and requests.
 fn policies(
     messages: &[MessageRecord],
     plan: &RunPlan,
@@ -289,7 +292,7 @@ fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64>
     })
 }
 
-/// The row of the third commit rule.
+/// The name of the row for the progressive commit rule.
 pub(crate) const PROGRESSIVE: &str = "progressive";
 
 /// Returns the policies to compare, with their names.

@@ -3,19 +3,20 @@
 use fuseline_report::RequestRow;
 use fuseline_report::policies::ComparedPolicy;
 
-/// Bytes by source; local's are none.
+/// The bytes by source. Local sends none.
 pub(super) struct SentBytes {
-    /// The requests that were sent.
+    /// The bytes of the requests that were sent.
     sent: Vec<u64>,
-    /// Had fusion cancelled none, each would have cost what those cost that were begun.
+    /// The bytes if fusion had cancelled no request. Each is assumed to cost as much as those that
+    /// were begun.
     needed: Vec<u64>,
-    /// For each source, whether all bytes are known. An answered request was sent whole; of another
-    /// one a part may be missing.
+    /// `true` for each source whose bytes are all known. An answered request was sent whole, but
+    /// part of any other request may be missing.
     is_whole: Vec<bool>,
 }
 
 impl SentBytes {
-    /// `begun` has the calls of each cloud that were begun.
+    /// Creates the counts. `begun` has the number of calls begun to each cloud.
     pub(super) fn new(rows: &[RequestRow], sent: Vec<u64>, begun: &[u64]) -> Self {
         let begun = |i: usize| i.checked_sub(1).and_then(|i| begun.get(i)).copied();
         let needed = rows.iter().zip(&sent).enumerate().map(|(i, (row, sent))| {
@@ -27,12 +28,13 @@ impl SentBytes {
         Self { needed: needed.collect(), is_whole: is_whole.collect(), sent }
     }
 
-    /// Returns the bytes that a policy sends, and whether there may be more.
+    /// Returns the bytes that a policy sends, and `true` if there may be more.
     pub(super) fn of(&self, policy: &ComparedPolicy) -> (u64, bool) {
         let is_at_least = match *policy {
             ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
             ComparedPolicy::CloudOnly(source) => !self.is_whole[source],
-            // It makes each call of which fusion may have cancelled some before they were sent.
+            // These policies make every call, but fusion may have cancelled some before they were
+            // sent.
             ComparedPolicy::Constant(_)
             | ComparedPolicy::FirstWins
             | ComparedPolicy::Progressive(_) => !self.is_whole.iter().all(|is_whole| *is_whole),
@@ -50,7 +52,7 @@ mod tests {
     use super::*;
     use fuseline_report::policies::ConstantPolicy;
 
-    /// Makes this many requests, some answered and the others cancelled.
+    /// Returns a row of requests, some answered and the others cancelled.
     fn row(p: u64, answered: u64, cancelled: u64) -> RequestRow {
         let mut counts = [0; COLUMNS.len()];
         let of = |word: &str| COLUMNS.iter().position(|(name, _)| *name == word);
@@ -60,7 +62,8 @@ mod tests {
         RequestRow { p, counts, response: [None; 3] }
     }
 
-    /// D11: each request of west costs 100 bytes and of east 1000.
+    /// A rival policy pays for the requests that fusion cancelled before they were sent. West's
+    /// requests have 100 bytes and east's have 1000 (D11).
     #[test]
     fn a_rival_sends_each_request_that_fusion_cancelled_before_it_was_sent() {
         for (answered, cancelled, begun) in [(30, 0, 30), (20, 10, 30), (20, 10, 25), (0, 9, 3)] {

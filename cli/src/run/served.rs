@@ -10,13 +10,13 @@ use tokio::time::timeout;
 use crate::emulation::Emulation;
 use fuseline_evaluation::models::Model;
 
-/// A server may take this long to say what it serves.
+/// The time that a server may take to describe itself.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The model that a cloud serves, as far as that is known.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub(crate) struct Served {
-    /// The model as people call it.
+    /// The model's name for people.
     pub(crate) model: Option<String>,
     /// The usual runtime of the model.
     pub(crate) runtime: Option<Duration>,
@@ -44,7 +44,7 @@ impl Served {
         Self { emulated: true, ..Self::reported(Some(model)) }
     }
 
-    /// Queries the server; returns a warning where the user said otherwise.
+    /// Asks the server what it serves. Returns a warning if the user stated something else.
     pub(crate) async fn describe(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {

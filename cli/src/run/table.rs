@@ -1,4 +1,5 @@
-//! The report for people, 80 to 100 columns wide, and what is printed before a run. The figures are those of `report`.
+//! The report for people, 80 to 100 columns wide, and the text before a run. The figures come from
+//! `report`.
 
 use std::fmt::{self, Write};
 use std::time::Duration;
@@ -16,11 +17,11 @@ use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Tot
 /// The headings of the table of policies.
 const POLICY_COLUMNS: [&str; 8] =
     ["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"];
-/// Shorter outages are not worth a word.
+/// The length from which an outage is mentioned.
 const OUTAGE: Duration = Duration::from_secs(1);
-/// The column of requests that are open as the run ends.
+/// The index of the column of requests that are open when the run ends.
 const OPEN: usize = 6;
-/// At most this many outages of one cloud are shown.
+/// The greatest number of outages of one cloud that are shown.
 const OUTAGES: usize = 4;
 
 /// The plan of a run, in words.
@@ -68,7 +69,7 @@ impl fmt::Display for PlanSummary<'_> {
     }
 }
 
-/// Returns the link that all clouds share, in a line; nothing if it has no limit.
+/// Returns a line about the link that all clouds share, or an empty text if it has no limit.
 fn link(plan: &RunPlan) -> String {
     let LinkWidth { uplink, downlink, queue_bytes } = plan.link;
     let recorded = plan.link_drive().map(|cloud| cloud.drive.name());
@@ -126,7 +127,7 @@ impl fmt::Display for CloudPlan {
     }
 }
 
-/// Returns the clouds whose models only the user named, a line each.
+/// Returns a line for each cloud whose model only the user named.
 fn undescribed(plan: &RunPlan) -> String {
     let mut lines = String::new();
     for CloudPlan { name, served, .. } in &plan.clouds {
@@ -153,7 +154,7 @@ impl fmt::Display for RunReport {
         writeln!(f, "{}\n", sources_table(&self.totals, name))?;
         f.write_str(&self.failures())?;
         writeln!(f, "{}\n", MessagesSentence(&self.totals))?;
-        // The gain and the cost of fusion.
+        // This table shows the gain and the cost of fusion.
         let policies = self.policies.iter().map(|policy| policy.row(self.compared));
         writeln!(f, "{}\n", table(POLICY_COLUMNS, policies, 1..POLICY_COLUMNS.len()))?;
         for caveat in self.caveats() {
@@ -245,7 +246,7 @@ impl RunReport {
         RunNotes { configuration: configuration(plan), policies, caveats }
     }
 
-    /// Says why sources failed, one line for each.
+    /// Returns a line for each source that failed, with the reasons.
     fn failures(&self) -> String {
         let mut lines = String::new();
         for SourceReport { name, failures, hint, .. } in &self.sources {
@@ -291,7 +292,7 @@ impl PolicyReport {
     }
 }
 
-/// Bounds are rounded outwards.
+/// Formats a mean AP. Bounds are rounded outwards.
 fn mean_ap(ap: BoundedFigure<f64>) -> String {
     match ap.exact() {
         Some(ap) => format!("{ap:.1}"),
@@ -299,7 +300,7 @@ fn mean_ap(ap: BoundedFigure<f64>) -> String {
     }
 }
 
-/// Returns a count as a share of all messages; `?` where it may be any.
+/// Returns a count as a share of all messages, or `?` if it may be any number.
 fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     if let Some(exact) = count.exact() {
         return percent(exact, messages);
@@ -324,15 +325,15 @@ fn range(at_least: f64, at_most: f64, unit: &str) -> String {
     }
 }
 
-/// To a tenth, so that the bound still holds.
+/// Rounds a bound to a tenth so that it still holds.
 fn outwards(bound: f64, round: fn(f64) -> f64) -> f64 {
     round(bound * 10.0) / 10.0
 }
 
-/// Tabulates who answered, and what became of the requests, with the words of the statistics;
-/// `name` returns the name of a source.
+/// Tabulates who answered and what became of the requests, in the terms of the statistics. `name`
+/// returns a source's name.
 pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> String) -> String {
-    // Most traces end with all decided.
+    // The column is left out if no request is open, as at the end of most traces.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
     let reported: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
     let words = reported.iter().map(|i| COLUMNS[*i].0);
@@ -376,7 +377,7 @@ fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
     rows
 }
 
-/// Says in one line when clouds are out of reach. Empty if none is known to be.
+/// Returns a line that says when clouds are out of reach, or an empty text if none is known to be.
 fn outages(plan: &RunPlan) -> String {
     let of = |cloud: &CloudPlan| {
         let emulation = cloud.emulation()?;
@@ -423,12 +424,12 @@ pub(crate) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
 }
 
-/// Milliseconds to a tenth.
+/// Formats milliseconds to a tenth.
 fn exact(duration: Duration) -> String {
     format!("{:.1} ms", duration.as_secs_f64() * 1000.0)
 }
 
-/// Seconds, to a tenth unless they are whole.
+/// Formats seconds, to a tenth unless they are whole.
 pub(crate) fn secs(duration: Duration) -> String {
     let decimals = usize::from(duration.subsec_millis() != 0);
     format!("{:.decimals$} s", duration.as_secs_f64())

@@ -1,4 +1,4 @@
-//! The tables say what is known: bounds are marked as such, and hold once they are rounded.
+//! Tests that the tables mark bounds as such, and that bounds still hold after rounding.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -7,7 +7,7 @@ use fuseline_traces::{Commit, Header, Judge};
 
 use super::*;
 
-/// The figures between which a cell says that the true one is; `?` says nothing.
+/// Returns the figures between which the true one lies according to a cell. `?` allows any figure.
 fn figures_of(cell: &str, whole: f64) -> (f64, f64) {
     let cell = cell.trim_end_matches(" %").trim_end_matches(" ms").trim_end_matches(" MB");
     let number = |text: &str| text.trim().parse::<f64>().expect("a number");
@@ -20,7 +20,7 @@ fn figures_of(cell: &str, whole: f64) -> (f64, f64) {
     }
 }
 
-/// D11.
+/// A bound holds as it is written, and only a known figure is written as exact (D11).
 #[test]
 fn a_bound_holds_as_it_is_written_and_only_what_is_known_is_written_as_exact() {
     for messages in [1, 3, 7, 20, 333] {
@@ -48,7 +48,7 @@ fn a_bound_holds_as_it_is_written_and_only_what_is_known_is_written_as_exact() {
     }
 }
 
-/// D11.
+/// Each figure of a row that is a bound is marked (D11).
 #[test]
 fn each_figure_of_a_row_that_is_a_bound_is_marked() {
     let ms = Duration::from_millis;
@@ -79,7 +79,7 @@ fn each_figure_of_a_row_that_is_a_bound_is_marked() {
     }
 }
 
-/// D11: of all messages that came, refused and missed ones too.
+/// A source's share counts all messages that came, including refused and missed ones (D11).
 #[test]
 fn a_source_has_its_share_of_all_messages() {
     let row = |p, forwarded| {
@@ -105,7 +105,7 @@ fn a_source_has_its_share_of_all_messages() {
     assert_eq!(sentence, "40 messages: 30 forwarded, 3 missed, 5 refused, 2 open");
 }
 
-/// The plan of a run with these options.
+/// Returns the plan of a run with these options.
 pub(crate) fn plan(args: &[&str]) -> RunPlan {
     let args = ["fuseline", "run"].iter().chain(args).map(OsString::from);
     let (crate::Command::Run(args), _) = crate::parse(&args.collect::<Vec<_>>()).unwrap() else {
@@ -114,7 +114,7 @@ pub(crate) fn plan(args: &[&str]) -> RunPlan {
     RunPlan::new(&args).unwrap()
 }
 
-/// The lines of a text, whatever space is between their words.
+/// Returns the lines of a text, with the space between words normalized.
 fn lines(text: &str) -> Vec<String> {
     text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect()
 }
@@ -214,7 +214,7 @@ fn outages_of_a_second_and_more_are_named_up_to_four_of_a_cloud() {
     assert_eq!(spans(&all[..4]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s");
     assert_eq!(spans(&all[..5]), "0.0–1.0 s, 3.0–4.0 s, 6.0–7.0 s, 9.0–10.0 s and later");
     let west = ["--drive", "west=cicv5g/rural_n8_v0", "--start", "west=12s", "--for", "17s"];
-    // A cloud that is out of reach is named, and nothing that they have in common.
+    // Only the cloud that is out of reach is named.
     assert_eq!(outages(&plan(&west)), "These drives leave no reply in time: east 14.0–17.0 s.\n");
     assert_eq!(outages(&plan(&[&west[..5], &["9s"]].concat())), "");
     let alone = "name=a,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150s";
@@ -222,7 +222,7 @@ fn outages_of_a_second_and_more_are_named_up_to_four_of_a_cloud() {
     assert_eq!(alone, "These drives leave no reply in time: a 14.0–17.0 s.\n");
 }
 
-/// A report in which each figure is another one.
+/// Returns a report in which all figures differ.
 fn reported() -> RunReport {
     let row = |p, counts| RequestRow { p, counts, response: [None; 3] };
     let source = |name: &str, priority, failures: &[(&str, u64)], hint| SourceReport {
@@ -404,7 +404,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
     assert!(default.caveats.iter().all(|caveat| !caveat.contains('\n')));
 }
 
-/// A message is open only where the run ends before it.
+/// A request is open only if the run ends before its message does.
 #[test]
 fn open_requests_have_a_column_where_there_are_some() {
     let mut totals = reported().totals;
