@@ -1,4 +1,4 @@
-"""Checks that what a policy replied is an action that a robot can be given."""
+"""Checks that a policy's reply is an action that a robot can execute."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHORT_LEN = 100
 
 
 def form_of(action: Any, where: str = "the action") -> Form:
-    """Returns what an action is made of.
+    """Returns the form of an action.
 
     Raises:
         CallError: if one of its numbers is not finite, its rows differ in length, or it is None.
@@ -50,15 +50,15 @@ def form_of(action: Any, where: str = "the action") -> Form:
 
 
 def check_form(action: Any, like: Form | None, where: str = "the action") -> None:
-    """Checks an action before anything moves by it.
+    """Checks an action before the robot executes it.
 
     Args:
-        action: What the remote policy replied.
-        like: What an action on board is made of, if that is known.
-        where: What it is in the error.
+        action: The remote policy's reply.
+        like: The form of an action on board, if it is known.
+        where: The name of the action in the error.
 
     Raises:
-        CallError: if it has other numbers than an action on board, or no finite ones.
+        CallError: if its form differs from an action on board, or its numbers are not finite.
     """
     form = form_of(action, where)
     if like is not None:
@@ -70,7 +70,7 @@ def check_form(action: Any, like: Form | None, where: str = "the action") -> Non
 class ArrayKinds:
     """Reports a reply that has a list where an action on board has an array, or the reverse.
 
-    Both are the same numbers, but arithmetic with them is not: a list that is doubled is longer.
+    Both hold the same numbers, but arithmetic differs: doubling a list makes it longer.
     """
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ def _has_numbers(form: Form) -> bool:
         return any(map(_has_numbers, form.values()))
     if isinstance(form, tuple):
         return 0 not in form and bool not in form
-    # An object of another class may be an action; a text is none.
+    # An object of another class may be an action, but a text is not one.
     return not issubclass(form, (str, bytes, bytearray, bool, list))
 
 

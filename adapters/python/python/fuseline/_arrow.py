@@ -1,4 +1,4 @@
-"""Tables for pyarrow, which may not be there."""
+"""Makes tables for pyarrow, which is optional."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class BlockingOperator(Generic[M, V]):
         self._thread: threading.Thread | None = None
         self._process = os.getpid()
         self._has_ended = threading.Event()
-        #: True once it was logged that it holds up another event loop.
+        #: True once it was logged that a call blocks another event loop.
         self._is_warned = False
 
     async def __aenter__(self) -> None:
@@ -154,7 +154,7 @@ class BlockingOperator(Generic[M, V]):
         try:
             return future.result()
         except BaseException:
-            # Interrupted, nobody waits for it any more.
+            # The wait was interrupted, so nobody waits for the result any more.
             future.cancel()
             raise
 
@@ -167,7 +167,7 @@ class BlockingOperator(Generic[M, V]):
 
 
 class _Handover(Generic[V]):
-    """Carries an item to a thread that may be interrupted meanwhile."""
+    """Hands an item to a thread that may be interrupted while it waits."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -175,7 +175,7 @@ class _Handover(Generic[V]):
         self._is_abandoned = False
 
     def take(self, item: Item[V]) -> bool:
-        """Hands the item over; returns whether somebody still waits for it."""
+        """Hands the item over. Returns True if the thread still waits for it."""
         with self._lock:
             self._item = item
             return not self._is_abandoned
@@ -202,6 +202,6 @@ def _run_on(loop: asyncio.AbstractEventLoop, name: str) -> None:
     try:
         loop.run_forever()
     except BaseException as error:
-        # As in any thread but the first, it ends no program; here it ends its call.
+        # It cannot end the program, because this is not the main thread. It ends only its call.
         what = f"{type(error).__name__}: {in_one_line(error)}"
         _log.error("%s: %s in a call, which is a failure; the operator goes on", name, what)

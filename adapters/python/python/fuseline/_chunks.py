@@ -62,12 +62,12 @@ def fade(ticks: int, max_jump: float | None = None) -> Blend:
 
 
 class ArrivedChunk:
-    """A chunk's actions, of the observation of tick ``of``, each with the tick that it is for."""
+    """Holds the actions of a chunk for the observation of tick ``of``, each with its own tick."""
 
     def __init__(self, of: int, first: int, actions: Sequence[Any]) -> None:
         self.of, self.first = of, first
         self.actions = [StampedValue(it, of, tick) for tick, it in enumerate(actions, first)]
-        #: The tick at which one of them was planned first.
+        #: The tick at which one of its actions was first planned.
         self.begun: int | None = None
 
     def action(self, t: int, max_age: int) -> StampedValue[Any] | None:
@@ -79,7 +79,7 @@ class ArrivedChunk:
 
 
 class ChunkPlan:
-    """Requests chunks in time, and has the action of each tick."""
+    """Requests chunks in time, and returns the action of each tick."""
 
     def __init__(
         self,
@@ -91,10 +91,10 @@ class ChunkPlan:
         """Makes a plan.
 
         Args:
-            remote: Makes the calls; its reply is a list of actions.
-            chunk: How chunks are used.
-            ended: Called with why a call failed, or None if it brought a chunk.
-            check: Raises what is wrong with an action that is about to be sent.
+            remote: Makes the calls. A reply is a list of actions.
+            chunk: The settings for chunks.
+            ended: Called with the reason why a call failed, or with None if it returned a chunk.
+            check: Raises an error if an action cannot be sent.
         """
         if not hasattr(chunk, "every"):
             raise ConfigError(f"a chunk of {chunk!r}; give Chunk(every=…, max_age=…)")
@@ -116,14 +116,14 @@ class ChunkPlan:
         self.chunk = chunk
         self._remote = remote
         self._ended, self._check = ended, check
-        #: The error of the latest call that failed, until a call brings a chunk.
+        #: The error of the latest failed call, until a call returns a chunk.
         self.why: str | None = None
         self._within = nanoseconds(chunk.within) / 1e9
         if not self._within:
             raise ConfigError(
                 "the chunk's within is 0 s, so every call would be given up at once; give more"
             )
-        #: The later one and the one before it.
+        #: The latest chunk and the one before it.
         self._chunks: deque[ArrivedChunk] = deque(maxlen=2)
         self._request: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -159,7 +159,8 @@ class ChunkPlan:
         age = t - chunk.begun
         action = self.chunk.blend(earlier and earlier.value, later.value, age, last)
         self._check(action)
-        # An unchanged action is of its own message; a blend is of the oldest one (D2).
+        # An unchanged action belongs to its own message. A blend belongs to the oldest message
+        # (D2).
         if earlier is None or not _differs(action, later.value):
             return replace(later, value=action)
         # A blend is meant for this tick only if both actions are (D18).
@@ -167,13 +168,13 @@ class ChunkPlan:
         return StampedValue(action, earlier.of, meant_for)
 
     def check_gap(self, periods: float) -> None:
-        """Drops the chunks if a tick came later than their actions may be old.
+        """Drops the chunks if a tick comes so late that all their actions are too old.
 
-        Actions are meant for ticks. After a stall, the next ticks are other instants than those
-        that the actions were computed for.
+        Actions are meant for ticks. After a stall, the next ticks come at other instants than those
+        for which the actions were computed.
 
         Args:
-            periods: How many periods after the last tick this one came.
+            periods: The number of periods since the last tick.
         """
         if periods <= self.chunk.max_age + 1:
             return
@@ -190,7 +191,7 @@ class ChunkPlan:
             )
 
     def clear(self) -> None:
-        """Forgets all actions, also those of a chunk that is under way."""
+        """Forgets all actions, even those of a chunk that is under way."""
         self._episode += 1
         self._chunks.clear()
 
@@ -239,7 +240,7 @@ class ChunkPlan:
             )
 
     def _failed(self, why: str) -> None:
-        """On board acts until the next chunk, which is requested as soon as that can be."""
+        """Notes a failure, and requests the next chunk soon. Until it comes, on board acts."""
         self._next = self._tick + 1
         self.why = why
         self._ended(why)
@@ -249,7 +250,7 @@ def actions_of(reply: Any, chunk: Chunk, check: Callable[[Any, str], None]) -> l
     """Returns the actions of a chunk's reply.
 
     Raises:
-        CallError: if it has none, or one of them is none.
+        CallError: if it has no actions, or one of them is not an action.
     """
     actions = list((chunk.split or _split)(reply))
     if not actions:
@@ -260,7 +261,7 @@ def actions_of(reply: Any, chunk: Chunk, check: Callable[[Any, str], None]) -> l
 
 
 def _split(reply: Any) -> Sequence[Any]:
-    """Returns the actions of a list, or of a dictionary of arrays, as openpi's servers reply."""
+    """Returns the actions in a list, or in a dictionary of arrays as in openpi's replies."""
     if isinstance(reply, (str, bytes, bytearray)):
         text = reply if isinstance(reply, str) else bytes(reply[:200]).decode(errors="replace")
         raise CallError(f"the reply is text, but a chunk is a list of actions: {text[:200]}")
@@ -273,7 +274,7 @@ def _split(reply: Any) -> Sequence[Any]:
     if not arrays:
         raise ConfigError("a reply without arrays; give the chunk a split=")
     if "actions" in arrays:
-        # A state that comes along is not the actions' length.
+        # A state in the same reply has a different length from the actions.
         ticks = len(arrays["actions"])
         arrays = {key: value for key, value in arrays.items() if len(value) == ticks}
     ticks = max(len(value) for value in arrays.values())
@@ -284,7 +285,7 @@ def _split(reply: Any) -> Sequence[Any]:
 
 
 def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Combines two actions of one form by numbers and arrays; takes everything else from b."""
+    """Combines numbers and arrays of two actions of one form. Takes everything else from b."""
     if isinstance(b, dict):
         return {key: _each(combine, a[key], b[key]) if key in a else b[key] for key in b}
     if isinstance(b, (list, tuple)):
@@ -297,7 +298,7 @@ def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
 def _clipped(step: Any, most: float) -> Any:
     if hasattr(step, "clip"):
         return step.clip(-most, most)
-    # A step that is not a number stays as it is: it must not become the longest one.
+    # A NaN stays NaN, because it must not become the longest step.
     return max(-most, min(most, step)) if step == step else step
 
 

@@ -1,4 +1,4 @@
-"""Counts what happens, by keys that can be told from misspelt ones."""
+"""Counts events by keys, and recognizes misspelt keys."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 K = TypeVar("K", bound="tuple[str, ...]")
 
-#: Counts the reasons that are not counted by themselves; a key with another reason is no mistake.
+#: Counts the reasons that are not counted separately. A key with any other reason is not a mistake.
 OTHER_REASONS = "other reasons"
 
 

@@ -1,4 +1,4 @@
-"""Reads an operator's clock, sets its timer and runs its calls; nothing else does."""
+"""Reads an operator's clock, sets its timer and runs its calls. No other module does."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from fuseline.deadline import Situation
 M = TypeVar("M")
 V = TypeVar("V")
 
-#: A source as the extension has it: its priority, its tasks, the most of them, its handle, its
-#: response handler, whether its requests are encoded, what its tasks are called, and whether its
+#: A source as the extension takes it: its priority, its tasks, their greatest number, its handle,
+#: its response handler, True if its requests are encoded, the name of its tasks, and True if its
 #: results are copied.
 _Source: TypeAlias = (
     "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str, bool]"
@@ -47,34 +47,35 @@ LineageFields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[
 #: An operator's clock: whole nanoseconds that never go back.
 Clock = Callable[[], int]
 
-# An enumeration takes several times as long to give a member as a module.
+# Reading a member of an enumeration takes several times as long as reading a module's global.
 _FORWARDED, _PRELIMINARY = Ending.FORWARDED, Ending.PRELIMINARY
 _FINAL = Ending.FINAL
 
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: A source gets nothing more once this many tasks go on beyond those that may (D8).
+#: A source gets no more requests once this many of its tasks continue beyond its bound (D8).
 OVERDUE_TASKS = 1024
 
 _log = logging.getLogger("fuseline")
 
 
 class Driver(Generic[M, V]):
-    """Drives an engine by its loop; the engine's clock starts at 0.
+    """Drives an engine on an event loop. The engine's clock starts at 0.
 
     Args:
         name: The operator's name.
         engine: The engine.
-        local: What computes on board; it was started.
-        clouds: Those of the engine.
-        handlers: What goes with items and messages.
+        local: Computes on board. It has been started.
+        clouds: The engine's clouds.
+        handlers: The handlers of items and messages.
         clock: Reads whole nanoseconds.
         output: Takes each item, in the order of the decisions.
-        acted: Called after each input that led to something, once that is done, while anybody is
-            in `waiting` and after `close`.
-        waiting: Who waits for room.
-        lag_warning: How many nanoseconds a handler may hold up the loop and is not counted.
-        trace: The file that is recorded to.
+        acted: Called after an input whose effects were carried out, if anybody is in `waiting` or
+            `close` was called.
+        waiting: The tasks that wait for room.
+        lag_warning: The longest time in nanoseconds for which a handler may block the loop without
+            being counted.
+        trace: The file of the recording.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class Driver(Generic[M, V]):
         self._clouds, self._handlers = list(clouds), handlers
         #: The open messages, if items carry them.
         self._messages: dict[int, M] | None = {} if handlers.carry_messages else None
-        #: The latest message that was taken on.
+        #: The latest message that was accepted.
         self._taken_on: int | None = None
         self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
         for cloud in self._clouds:
@@ -139,15 +140,15 @@ class Driver(Generic[M, V]):
         return self._calls.is_idle
 
     def has_room(self, window: int) -> bool:
-        """Tells whether fewer messages are open, as far as that can be known now."""
+        """Tells whether fewer messages than `window` are open, as far as that is known now."""
         return self._calls.has_room(window)
 
     def close(self) -> None:
-        """Takes no more messages."""
+        """Accepts no more messages."""
         self._calls.close()
 
     def set_situation(self, situation: Situation) -> None:
-        """Sets what policies know of the vehicle from now on."""
+        """Sets the vehicle's situation for policies from now on."""
         if not self._calls.is_over:
             self._engine.set_situation(situation)
 
@@ -159,7 +160,7 @@ class Driver(Generic[M, V]):
         """Returns the fields of a lineage that the engine takes.
 
         Raises:
-            TimeError: if the capture is of another clock.
+            TimeError: if the capture was read from another clock.
         """
         if (captured := lineage.captured) is not None:
             check_capture(captured, self._calls.start + now)
@@ -169,7 +170,7 @@ class Driver(Generic[M, V]):
     def open(
         self, now: int, t: int, message: M, lineage: Lineage | None, fields: LineageFields | None
     ) -> None:
-        """Takes a message in. All offers have its instant, so equal deadlines end together."""
+        """Opens a message. Its offers have one instant, so equal deadlines end together."""
         calls = self._calls
         if self._messages is not None:
             self._messages[t] = message
@@ -184,8 +185,8 @@ class Driver(Generic[M, V]):
     def stop(self) -> None:
         """Ends at once: aborts calls, and completes the trace up to here.
 
-        A handler or a policy may call it in the midst of an input: then that is the last one, and
-        no call begins of it.
+        A handler or a policy may call it while an input is handled. That input is then the last
+        one, and it starts no calls.
         """
         if not self._calls.stop():
             return
@@ -211,7 +212,7 @@ class Driver(Generic[M, V]):
         await self.recording.finish()
 
     def _age(self, now: int, lineage: Lineage) -> int | None:
-        """Nanoseconds since the capture; 0 if it is still to come."""
+        """Returns the nanoseconds since the capture, or 0 if the capture is in the future."""
         captured = lineage.captured
         return None if captured is None else max(self._calls.start + now - captured, 0)
 
@@ -241,7 +242,7 @@ class Driver(Generic[M, V]):
         self._local._replace(t)
 
     def _give(self, item: Item[V]) -> None:
-        """Completes an item, and puts it out."""
+        """Completes an item and outputs it."""
         t = item.timestamp
         if self._lineages:
             lineages = self._lineages
@@ -262,19 +263,19 @@ class Driver(Generic[M, V]):
                     check_read(read, "what reads a state")
                     state.sent(t, read)
             elif ending is not _FINAL and handlers.substitute is not None:
-                # E4: something is sent for each message.
+                # Every message leads to something to send (E4).
                 substitute = handlers.substitute(item)
                 check_value(substitute, "the substitute's handler", "make it a plain function")
                 item.value = item.substitute = substitute
                 if item.substitute is not None:
-                    # E7: how old it is only the handler knows.
+                    # Only the handler knows the substitute's age (E7).
                     item.age = None
         except (Exception, asyncio.CancelledError):
             _log.exception("%s: a handler of message %d failed", self.name, item.timestamp)
             self.counting.handler_failed(None)
 
     def _arm(self, due: int, now: int) -> None:
-        """Sets the timer, and never moves it further away: that would cost more than it saves."""
+        """Sets the timer. It is never moved later, which would cost more than it saves."""
         if self._timer is not None:
             self._timer.cancel()
         left = min(max(due - now, 0), _DAY)
@@ -309,7 +310,7 @@ class Driver(Generic[M, V]):
         self._taken_on = t
 
     def _awaiting(self, p: int, t: int, returned: Any) -> Coroutine[Any, Any, None]:
-        """Returns the task for an awaitable of a handle or of local that is no coroutine."""
+        """Returns the task for an awaitable of a handle or of local that is not a coroutine."""
         cloud = self._sources[p].cloud
         work = value_of(returned) if cloud is None else response_of(cloud, returned)
         return self._settled(p, t, work)
@@ -321,7 +322,7 @@ class Driver(Generic[M, V]):
         return self._settled(p, call.timestamp, encoder.call(request, call))
 
     def _value_later(self, p: int, t: int, value: Awaitable[Any]) -> Coroutine[Any, Any, None]:
-        """Returns the task for an awaitable that a response handler gave."""
+        """Returns the task for an awaitable that a response handler returned."""
         return self._settled(p, t, awaited_value(value))
 
     async def _settled(self, p: int, t: int, work: Awaitable[Any]) -> None:
@@ -333,7 +334,7 @@ class Driver(Generic[M, V]):
             self._calls.came(p, t, value)
 
     def _without_value(self, p: int, t: int) -> None:
-        """Fails a call whose result is None: most likely a ``return`` is missing."""
+        """Fails a call whose result is None, most likely because a ``return`` is missing."""
         cloud = self._sources[p].cloud
         what = "local" if cloud is None else "the handle or the response handler"
         self._failed(p, t, no_value(what))
@@ -348,7 +349,7 @@ class Driver(Generic[M, V]):
             try:
                 why = why if is_cancelled else in_one_line(error)
             finally:
-                # Whatever the error does when it is asked for its text, it is a failure.
+                # The call has failed, even if reading the error's text raises another error.
                 self._calls.fail(self._calls.now(), t, p, why)
         elif is_cancelled:
             raise error

@@ -1,4 +1,4 @@
-"""Requests that are encoded in a thread, once for all clouds of a message that share them."""
+"""Encodes requests in threads, once for all clouds that share a message's request."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from fuseline._wiring import check_read
 
 _log = logging.getLogger("fuseline")
 
-#: No encoding is begun while this many of a cloud run on past their deadlines.
+#: The number of a cloud's encodings past their deadlines at which no other encoding begins.
 HUNG_ENCODERS = 16
 
 
 class EncodedRequest:
-    """Holds what a message handler returned, and encodes it once the first call needs it."""
+    """Holds a message handler's request, and encodes it when the first call needs it."""
 
     __slots__ = ("_encode", "_future", "_is_shared", "_raw")
 
@@ -43,14 +43,14 @@ class EncodedRequest:
         return self
 
     def give_up(self, threads: DaemonThreads) -> bool:
-        """Lets another thread take the place of the one that encodes; tells whether one does."""
+        """Replaces the thread that encodes. Tells whether it was replaced."""
         return self._future is not None and threads.replace(self._future)
 
     async def get(self, threads: DaemonThreads) -> Any:
-        """Returns the request, encoded by these threads unless another call began that."""
+        """Returns the encoded request. These threads encode it unless another call did."""
         if self._future is None:
             self._future = threads.run(self._raw)
-        # A future that others may wait for does not end with this call.
+        # Other calls may wait for a shared future, so it must not be cancelled with this call.
         return await (asyncio.shield(self._future) if self._is_shared else self._future)
 
 
@@ -97,7 +97,7 @@ class Encoder:
         return await response_of(self._cloud, self._cloud.handle(encoded, call))
 
     def _replace_hung(self, request: EncodedRequest) -> None:
-        """Lets another thread take the place of one that encodes past its deadline."""
+        """Replaces a thread that encodes past its deadline."""
         hung = self._threads.hung_len()
         if not request.give_up(self._threads):
             return
@@ -115,7 +115,7 @@ class Encoder:
 def share_encoded(
     encode: Callable[[Any], Any], raw: Any, encoded: list[EncodedRequest]
 ) -> EncodedRequest:
-    """Returns the request of another cloud of the message if it is the same, else a new one."""
+    """Returns another cloud's request for the message if it is the same, or a new one."""
     for other in encoded:
         if other.is_of(encode, raw):
             return other.share()
@@ -124,5 +124,5 @@ def share_encoded(
 
 
 def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Returns the function itself: encoding keeps no state, so each thread has the same one."""
+    """Returns the function itself. Encoding keeps no state, so all threads share one function."""
     return encode

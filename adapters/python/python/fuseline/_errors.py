@@ -61,12 +61,12 @@ class CallError(Error):
     """Describes in a few plain words why a call to a cloud failed."""
 
 
-#: At most this many characters of an exception's text are looked at.
+#: The greatest number of characters of an exception's text that are read.
 _SHORT_LEN = 2000
 
 
 def in_one_line(error: BaseException) -> str:
-    """Returns what an exception says as one line of valid text, or its type if it says nothing.
+    """Returns an exception's text as one line of valid text, or its type if the text is empty.
 
     An exception whose text cannot be read is a failure like any other (D7), so this does not raise.
     """
@@ -79,5 +79,5 @@ def in_one_line(error: BaseException) -> str:
 
 
 def as_text(said: str) -> str:
-    """Escapes what no encoding of text has, such as half of a surrogate pair."""
+    """Escapes characters that cannot be encoded, such as half of a surrogate pair."""
     return said.encode("utf-8", "backslashreplace").decode()

@@ -10,10 +10,10 @@ from typing import Any
 from fuseline._counts import OTHER_REASONS
 from fuseline._item import Ending, Failure, Item, Source
 
-#: The number of reasons of failures that are counted by themselves: the latest ones.
+#: The number of the latest reasons for failures that are counted separately.
 REASONS = 8
 
-#: Over how many ticks the time between two of them is measured.
+#: The number of ticks over which the time between two ticks is measured.
 RATE_TICKS = 50
 
 #: The keys by which calls to the remote policy are counted.
@@ -35,13 +35,13 @@ class PolicyFailures:
         self.counts: Counter[tuple[str, str, str]] = Counter()
         self._name, self._on_failure = name, on_failure
         self._fresh: deque[Failure] = deque(maxlen=64)
-        #: The reasons that are counted by themselves; the one that was given last is the last.
+        #: The reasons that are counted separately. The most recent one is the last.
         self._reasons: list[str] = []
         #: The number of calls that have failed since one was answered.
         self._in_a_row = 0
 
     def ended(self, why: str | None) -> None:
-        """A call to the remote policy has ended; with a reason it has failed."""
+        """Notes that a call to the remote policy has ended. With a reason, it has failed."""
         if why is None:
             if self._in_a_row:
                 _log.info("%s: the remote policy answers again", self._name)
@@ -58,7 +58,7 @@ class PolicyFailures:
         self._reasons.append(why)
         self.counts["remote", "call failed because", why] += 1
         self._fresh.append(Failure(REMOTE, why))
-        # The first, and then as often as they double.
+        # Logs the first failure, and then each time that their number doubles.
         if self._in_a_row & (self._in_a_row - 1) == 0:
             _log.warning(
                 "%s: a call to the remote policy failed, %d in a row: %s",
@@ -68,7 +68,7 @@ class PolicyFailures:
             )
 
     def of_item(self, item: Item[Any], deadline: float) -> None:
-        """Notes a failure of the policy on board in this tick: it failed, or came too late."""
+        """Notes that the policy on board failed or came too late in this tick."""
         failed = [it for it in item.failures if it.source.priority == 0]
         if not failed and item.ending is Ending.MISSED:
             failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]
@@ -86,9 +86,9 @@ class PolicyFailures:
 
 
 class TickRate:
-    """Reports ticks that come much faster or slower than their period says, once.
+    """Reports once if ticks come much faster or slower than their period.
 
-    Ages of chunks are counted in ticks, so they are other times then than they seem.
+    Ages of chunks are counted in ticks, so a wrong period makes them wrong.
     """
 
     def __init__(self, period: float, name: str) -> None:
@@ -96,7 +96,7 @@ class TickRate:
         self._count, self._first, self._before = 0, 0.0, 0.0
 
     def tick(self, now: float) -> float:
-        """Notes a tick at this instant, in seconds; returns how many periods after the last one."""
+        """Notes a tick at this instant, in seconds. Returns the periods since the last tick."""
         if self._count == 0:
             self._first = self._before = now
         gap, self._before = (now - self._before) / self._period, now

@@ -20,9 +20,9 @@ M = TypeVar("M")
 
 _log = logging.getLogger("fuseline")
 
-#: After this many seconds a warning says that nobody reads the items, and messages wait.
+#: The seconds after which it is logged that messages wait because nobody reads the items.
 UNREAD_SECONDS = 5.0
-#: The end of each message about it: the reason and the remedy.
+#: The end of each message about unread items: the reason and the remedy.
 _UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
 
@@ -34,7 +34,7 @@ class Feeds(Generic[M]):
 
     def __init__(self, operator: Operator[M, Any]) -> None:
         self._operator, self._output = operator, operator._output
-        #: The task of each stream, and whether the stream is known to end.
+        #: The task of each stream, with True if the stream is known to end.
         self.tasks: dict[asyncio.Task[None], bool] = {}
         #: The first exception that a stream ended in.
         self.error: BaseException | None = None
@@ -57,7 +57,7 @@ class Feeds(Generic[M]):
             task.cancel()
 
     async def end(self) -> None:
-        """Ends with the operator's block; it is an error if nobody has read an item by then."""
+        """Ends the feeds. Raises an error if nobody has read an item by the block's end."""
         output = self._output
         if not self.tasks or self._operator._is_last or output.read_count or output.readers.waiters:
             return
@@ -90,8 +90,8 @@ class Feeds(Generic[M]):
         except Closed:
             self._cut_off(messages, written[0])
         except BaseException as error:
-            # Whatever ends the stream, also the cancellation of a task that it waits for, nobody
-            # is to wait for its messages.
+            # The stream has ended, perhaps because a task that it waits for was cancelled. Nobody
+            # must wait for its messages.
             if not operator._is_over:
                 self.error = self.error or error
                 operator.close()
@@ -101,10 +101,10 @@ class Feeds(Generic[M]):
                 raise
 
     def _fed(self, task: asyncio.Task[None]) -> None:
-        """Forgets a stream that has ended; after the last one no more messages come."""
+        """Forgets a stream that has ended, and closes the operator after the last one."""
         del self.tasks[task]
         if not task.cancelled():
-            # It is raised at the end of the block.
+            # The error was stored and is raised at the end of the block.
             task.exception()
         if not self.tasks and not self._operator._is_last:
             self._operator.close()
@@ -124,7 +124,7 @@ class Feeds(Generic[M]):
             )
 
     def _watch_unread(self) -> None:
-        """Begins to watch whether anybody reads, if a stream waits because nobody has so far."""
+        """Starts to watch for readers, if a stream waits because nobody has read so far."""
         output, loop = self._output, self._operator._home.loop
         if len(output.items) < output.limit or loop is None:
             return

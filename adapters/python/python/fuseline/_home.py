@@ -71,16 +71,16 @@ class Arrivals(Generic[M]):
         self._operator, self._limit = operator, limit
         self._lock = threading.Lock()
         self._on_their_way = 0
-        #: The number of messages that the operator did not take.
+        #: The number of messages that the operator did not accept.
         self.not_taken = 0
 
     def send(
         self, loop: asyncio.AbstractEventLoop, message: M, lineage: Lineage | None
     ) -> Future[int]:
-        """Sends a message to the loop, and returns a future of its timestamp.
+        """Sends a message to the loop. Returns a future of its timestamp.
 
         Raises:
-            Full: if as many as the limit are on their way.
+            Full: if the limit of messages on their way is reached.
             Closed: if the loop has ended.
         """
         with self._lock:
@@ -99,7 +99,7 @@ class Arrivals(Generic[M]):
         return future
 
     def count_lost(self, count: int) -> None:
-        """Counts messages of a stream that the operator did not take."""
+        """Counts messages of a stream that the operator did not accept."""
         with self._lock:
             self.not_taken += count
 
@@ -118,7 +118,8 @@ class Arrivals(Generic[M]):
                 _log.warning("%s: a message was not taken: %s (%d so far)", name, why, times)
 
 
-#: The places where operators run, for forked processes: they go on where they were started.
+#: The homes of running operators. In a forked process they are marked as foreign, because operators
+#: run only where they were started.
 _ENTERED: weakref.WeakSet[Home] = weakref.WeakSet()
 
 

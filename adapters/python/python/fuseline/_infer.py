@@ -1,4 +1,4 @@
-"""The messages of ``fuseline.v1.Infer``."""
+"""Defines the messages of ``fuseline.v1.Infer``."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Description:
 
 
 def _messages() -> tuple[Any, Any, Any]:
-    """Request, reply and description of ``fuseline.proto``, without generated code.
+    """Makes the request, reply and description of ``fuseline.proto`` without generated code.
 
-    A test holds them against the file of the project.
+    A test compares them with the project's file.
     """
     field = descriptor_pb2.FieldDescriptorProto
     kinds = {
@@ -76,7 +76,7 @@ def _messages() -> tuple[Any, Any, Any]:
                 added.proto3_optional = True
                 added.oneof_index = len(message.oneof_decl)
                 message.oneof_decl.add(name=f"_{called}")
-    # A pool of its own: others may have generated code of the same file.
+    # The pool is private, because other packages may have generated code from the same file.
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     wanted = ("Request", "Reply", "Description")

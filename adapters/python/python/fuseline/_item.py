@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 V = TypeVar("V")
 
-#: By how many nanoseconds a capture may seem to come after the operator's clock.
+#: The number of nanoseconds by which a capture may be ahead of the operator's clock.
 CAPTURE_SLACK = 1_000_000_000
 
-#: A lineage as the extension has it.
+#: A lineage as the extension takes it.
 _Fields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
 
 
@@ -113,7 +113,7 @@ class Lineage:
 
     @classmethod
     def _of(cls, fields: _Fields) -> Lineage:
-        """Makes a lineage of what `fields_of` returned."""
+        """Makes a lineage from the fields that `fields_of` returned."""
         origin, seq, captured, within, missing = fields
         return cls(origin, seq, captured, None if within is None else ns(within), tuple(missing))
 
@@ -126,11 +126,11 @@ def _check_number(number: Any, what: str, remedy: str) -> None:
 
 
 def check_capture(captured: int, now: int) -> None:
-    """Refuses a capture that is to come, by the operators' clock.
+    """Refuses a capture that lies in the future of the operators' clock.
 
     Raises:
-        TimeError: if it is, by more than a second: then it was read from another clock, and each
-            age would be 0.
+        TimeError: if it lies more than a second in the future. It was then read from another clock,
+            and every age would be 0.
     """
     if captured > now + CAPTURE_SLACK:
         raise TimeError(
@@ -191,7 +191,8 @@ class Call:
         lineage: Lineage | None = None,
         age: float | None = None,
     ) -> None:
-        # Twice as fast as what `dataclass` writes for a frozen class: there is one for each call.
+        # This is twice as fast as the method that `dataclass` generates for a frozen class, and
+        # each call needs one.
         _set_timestamp(self, timestamp)
         _set_deadline(self, deadline)
         _set_lineage(self, lineage)
@@ -271,7 +272,7 @@ class Item(Generic[V]):
         return self.ending is not Ending.PRELIMINARY
 
     def _takes_the_place_of(self, earlier: Item[V]) -> None:
-        """Takes over the value of an earlier item of its message that nobody was given."""
+        """Takes over the value of an earlier item of its message that nobody has read."""
         if self.ending is Ending.FINAL:
             self.ending = Ending.FORWARDED
             self.value, self.arrived, self.trigger = earlier.value, earlier.arrived, earlier.trigger

@@ -133,13 +133,13 @@ class Items(Generic[T]):
 
 
 class _SharedSource(Generic[T]):
-    """Reads a source for several readers: a reader that needs more takes it for all."""
+    """Reads a source for several readers. Any reader that needs an item reads it for all."""
 
     def __init__(self, source: AsyncIterator[T], capacity: int) -> None:
         self.source, self.capacity = source, capacity
         self._readers: set[weakref.ref[Items[T]]] = set()
         self._turn, self._room = asyncio.Lock(), asyncio.Event()
-        #: A read that has begun, and how the source has ended.
+        #: A read that has begun, and then how the source has ended.
         self._reading: asyncio.Future[tuple[T] | None] | None = None
         self._is_over = False
         self._error: BaseException | None = None
@@ -148,11 +148,11 @@ class _SharedSource(Generic[T]):
         self._readers.add(weakref.ref(reader, self._gone))
 
     async def pull(self, waiting: deque[T]) -> None:
-        """Takes one more for all readers, unless another reader took one meanwhile."""
+        """Reads the next item for all readers, unless another reader has just read one."""
         async with self._turn:
             if waiting:
                 return
-            # E8: the slowest reader holds the others back.
+            # The slowest reader delays the others (E8).
             while any(len(it._waiting) >= self.capacity for it in self._all()):
                 self._room.clear()
                 await self._room.wait()
@@ -161,7 +161,7 @@ class _SharedSource(Generic[T]):
                 reader._waiting.append(read)
 
     async def _read(self) -> T:
-        """Returns the next one. A reader that gives up leaves what it began to the next reader."""
+        """Returns the next item. A reader that gives up leaves its read to the next reader."""
         if self._error is not None:
             raise self._error
         if self._is_over:
@@ -173,7 +173,7 @@ class _SharedSource(Generic[T]):
         try:
             read = reading.result()
         except asyncio.CancelledError as error:
-            # It is the source that was cancelled, not this reader.
+            # The source was cancelled, not this reader.
             self._error = RuntimeError("what is read ended in CancelledError")
             raise self._error from error
         except BaseException as error:
@@ -195,7 +195,7 @@ class _SharedSource(Generic[T]):
         self._readers.discard(reader)
         self.make_room()
         if not self._readers and self._reading is not None:
-            # Else it would take a message that nobody gets.
+            # The read would otherwise take a message that nobody gets.
             with contextlib.suppress(RuntimeError):
                 self._reading.cancel()
 
@@ -218,7 +218,7 @@ async def _last_only(items: Items[Item[V]]) -> AsyncIterator[Item[V]]:
         if earlier is None:
             yield item
             continue
-        # Other readers have it as it is.
+        # Other readers have the original item, so this changes a copy.
         whole = replace(item)
         whole._takes_the_place_of(earlier)
         yield whole

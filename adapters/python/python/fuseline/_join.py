@@ -40,7 +40,7 @@ T = TypeVar("T")
 _log = logging.getLogger("fuseline")
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: A message from another thread may wait this many seconds for the loop.
+#: The number of seconds that a message from another thread may wait for the loop.
 HANDOVER = 1.0
 
 
@@ -66,7 +66,7 @@ class JoinDropReason(Enum):
     DUPLICATE = "duplicate"
 
 
-#: The possible outcomes of an input's message, beside that it is in a set.
+#: The possible outcomes of an input's message that is not in a set.
 INPUT_OUTCOMES = ("missing", *(f"dropped {it.value}" for it in JoinDropReason))
 
 
@@ -111,7 +111,7 @@ class JoinInput(Generic[T]):
     ) -> None:
         self.name = name
         self.is_open = True
-        #: Of a latest-value input alone: the greatest age.
+        #: The greatest age, only for a latest-value input.
         self._join, self._key, self._max_age = join, key, max_age
         #: Its place among the inputs of its kind.
         self._index = 0
@@ -423,7 +423,7 @@ class Join:
             _log.exception("%s: the handler of drops failed", self.name)
 
     def _give(self) -> None:
-        """Hands on the sets that are given."""
+        """Passes on the sets that are ready."""
         aligner = self._running
         while (given := aligner.next_set(self._clock())) is not None:
             key, messages, missing, cause, fields = given
@@ -453,7 +453,7 @@ class Join:
             async for item in items:
                 while joined._max_age is None and len(self._sets) >= self._output_len:
                     await self._room.wait()
-                # A final item's value is there already.
+                # The set already has a final item's value.
                 has_value = item.ending is not Ending.FINAL
                 if joined._max_age is None or has_value:
                     lineage, is_last = item.lineage, item.last
@@ -461,17 +461,17 @@ class Join:
         except asyncio.CancelledError:
             if self._is_ending:
                 raise
-            # The items ended so: a task of theirs was cancelled, not this one.
+            # The source of the items was cancelled, not this task.
             _log.exception("%s: the input %s ends", self.name, joined.name)
         except Exception:
             _log.exception("%s: the input %s ends", self.name, joined.name)
         finally:
-            # Whatever ended it, no set waits for it any longer.
+            # No set waits for the input any longer, whatever ended it.
             joined.close()
 
 
 def _settle(done: Future[None], step: Callable[[], None]) -> None:
-    """Does what another thread waits for, unless it has given up."""
+    """Runs the step that another thread waits for, unless that thread has given up."""
     if not done.set_running_or_notify_cancel():
         return
     try:

@@ -193,7 +193,7 @@ class Verdict:
 
 
 def check_kinds(kinds: Iterable[str]) -> None:
-    """Raises ValueError if one of them is no kind of doubt."""
+    """Raises ValueError if one of them is not a kind of doubt."""
     known = get_args(DoubtKind)
     if unknown := [kind for kind in kinds if kind not in known]:
         raise ValueError(f"{unknown[0]!r} is not a kind of doubt; the kinds are {', '.join(known)}")
@@ -339,10 +339,10 @@ def report(
 
 
 def _each_trace(traces: tuple[Traced | list[str | PathLike[str]], ...]) -> list[Traced]:
-    """Yields the traces; a list of paths stands for each of them.
+    """Returns the traces. A list of paths stands for all its paths.
 
-    A list of lines is one trace, as an iterable of lines is everywhere else: its first one is a
-    header, an object of JSON.
+    A list of lines is one trace, like any other iterable of lines. Its first line is the header, a
+    JSON object.
     """
     lists = [given for given in traces if isinstance(given, list) and _are_paths(given)]
     if not lists:
@@ -360,7 +360,7 @@ def _are_paths(given: list[str | PathLike[str]]) -> bool:
 def slack(
     tolerance: Duration | None, lateness: Duration | None
 ) -> tuple[Duration, Duration] | None:
-    """Returns both, or None if neither is given; refuses one without the other."""
+    """Returns both values, or None if neither is given. Refuses one without the other."""
     if tolerance is None and lateness is None:
         return None
     if tolerance is None or lateness is None:
@@ -369,7 +369,7 @@ def slack(
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Writes a file whole or not at all."""
+    """Writes a file completely or not at all."""
     beside = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         with beside.open("xb") as file:

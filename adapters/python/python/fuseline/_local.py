@@ -53,7 +53,7 @@ class Local(Generic[M, V]):
             )
         self._compute = compute
         self._make = make
-        #: Computes one message; what runs on the loop is not wrapped.
+        #: Computes one message. A coroutine function that runs on the loop is not wrapped.
         self._run: Callable[[M, int], Awaitable[V]] = compute if make is None else self._run_apart
         self._pool: DaemonThreads | None = None
         #: The processes that the threads wait for, if any.
@@ -208,7 +208,7 @@ class Local(Generic[M, V]):
             raise ConfigError("one Local for two operators at once; make one for each")
         self._pool = self._make(self.at_once)
         try:
-            # Else the first messages would wait until the processes are there.
+            # The first messages would otherwise wait until the processes have started.
             loop = asyncio.get_running_loop()
             await asyncio.gather(*(loop.run_in_executor(None, it.wait) for it in self._processes))
         except BaseException:
@@ -223,7 +223,7 @@ class Local(Generic[M, V]):
         self._pool = None
 
     def _replace(self, timestamp: int) -> None:
-        """Lets another thread take the place of the one that computes this message."""
+        """Replaces the thread that computes this message."""
         future = self._running.get(timestamp)
         if future is None or self._pool is None:
             return
@@ -251,7 +251,7 @@ def _plain(compute: Callable[..., Any], where: str) -> None:
 
 
 def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:
-    """Returns a `Local`, or makes one: tasks of an async function, a thread of a plain one."""
+    """Returns a `Local`. An async function runs in tasks, and a plain one in a thread."""
     if isinstance(local, Local):
         return local
     if is_async(local):

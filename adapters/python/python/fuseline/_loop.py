@@ -18,7 +18,7 @@ class WaiterList:
     __slots__ = ("waiters",)
 
     def __init__(self) -> None:
-        #: The futures that wait: always the same list.
+        #: The futures that wait. The list object never changes.
         self.waiters: list[asyncio.Future[None]] = []
 
     async def wait(self) -> None:
@@ -28,13 +28,13 @@ class WaiterList:
         try:
             await waiter
         except BaseException:
-            # Nobody wakes it.
+            # Nobody will wake this waiter any more.
             if waiter in self.waiters:
                 self.waiters.remove(waiter)
             raise
 
     def wake(self) -> None:
-        """Wakes all who wait now."""
+        """Wakes all current waiters."""
         for waiter in self.waiters:
             if not waiter.done():
                 waiter.set_result(None)
@@ -45,7 +45,7 @@ class ReaderList(WaiterList):
     """Lets the readers of something wait, and logs once that several read it at once.
 
     Args:
-        what: What they read: a name for people.
+        what: The name for people of the thing that they read.
     """
 
     __slots__ = ("_is_reported", "_what")
@@ -64,7 +64,7 @@ class ReaderList(WaiterList):
 
 
 def report_sharing(what: str) -> None:
-    """Logs that several read something at once, of which each then gets a part."""
+    """Logs that several readers read the same thing at once, so that each gets only a part."""
     _log.warning(
         "%s: several readers at once share what comes, and each gets only a part; for all of it "
         "read Items, and give each reader a new_reader() of its own",
@@ -73,7 +73,7 @@ def report_sharing(what: str) -> None:
 
 
 async def each(messages: AsyncIterable[T] | Iterable[T]) -> AsyncIterator[T]:
-    """Yields messages of either kind, with a turn for others between two of a plain one."""
+    """Yields messages of either kind. A plain iterable gives other tasks turns in between."""
     if isinstance(messages, AsyncIterable):
         async for message in messages:
             yield message

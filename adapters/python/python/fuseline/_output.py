@@ -12,10 +12,10 @@ V = TypeVar("V")
 
 
 class Output(Generic[V]):
-    """Holds items until they are read, and knows who waits for an item and who for room.
+    """Holds items until they are read, with the tasks that wait for an item or for room.
 
     Args:
-        limit: How many items may wait before no further message is taken in.
+        limit: The number of waiting items at which no further message is accepted.
         name: The operator's name.
     """
 
@@ -29,11 +29,11 @@ class Output(Generic[V]):
         self.is_ending = False
 
     def put(self, item: Item[V]) -> None:
-        """Adds an item; it takes the place of an earlier one of its message that was not read."""
+        """Adds an item. It replaces an earlier item of its message that was not read."""
         if item.revision > 0:
             for place, earlier in enumerate(self.items):
                 if earlier.timestamp == item.timestamp:
-                    # F9, D8: nobody has read it, and nobody needs it any more.
+                    # Nobody has read the earlier item, and nobody needs it any more (F9, D8).
                     item._takes_the_place_of(earlier)
                     del self.items[place]
                     break

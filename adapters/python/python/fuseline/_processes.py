@@ -1,4 +1,4 @@
-"""Processes that compute, each behind a thread that waits for it; none outlives the program."""
+"""Computes in processes, each with a thread that waits for it. No process outlives the program."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from fuseline._errors import ConfigError, in_one_line
 
 _log = logging.getLogger("fuseline")
 
-#: A process may compute on for this many seconds once its operator has ended.
+#: The number of seconds that a process may still compute after its operator has ended.
 GRACE = 1.0
 
 
 class WorkerProcess:
-    """A process that computes one message at a time; one that dies is started again.
+    """Computes one message at a time in a process. A process that dies is started again.
 
-    It is a daemon: a computation that hangs does not keep the program from ending.
+    The process is a daemon, so a computation that hangs does not keep the program from ending.
     """
 
     def __init__(self, compute: Callable[..., Any]) -> None:
@@ -34,7 +34,7 @@ class WorkerProcess:
         self._connection, self._process = self._start()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Computes a message in the process; only the thread that has it calls this."""
+        """Computes a message in the process. Only the thread that owns the process calls this."""
         with self._lock:
             if self._is_over:
                 raise RuntimeError("the operator has ended")
@@ -66,11 +66,11 @@ class WorkerProcess:
             ) from None
 
     def end(self) -> None:
-        """Ends the process, at the latest `GRACE` seconds later, even while it computes."""
+        """Ends the process, even while it computes, after at most `GRACE` seconds."""
         with self._lock:
             self._is_over = True
             if not self._is_computing:
-                # It ends when it reads that.
+                # The process ends when it reads the end of the connection.
                 self._connection.close()
         timer = threading.Timer(GRACE, self._kill)
         timer.daemon = True
@@ -100,7 +100,7 @@ class WorkerProcess:
         self.wait()
 
     def _start(self) -> tuple[Connection, BaseProcess]:
-        # A fork would take the locks of this process's threads along.
+        # A fork would copy locks that this process's threads hold.
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(
@@ -126,7 +126,8 @@ class WorkerProcess:
 
 def _serve(connection: Connection, compute: Callable[..., Any]) -> None:
     """Runs in a process, and computes until its connection is closed."""
-    # Ctrl-C is for the program, which ends this process; and it may start processes of its own.
+    # Ctrl-C is for the program, which then ends this process. This process may start processes of
+    # its own.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
     connection.send(None)
@@ -150,7 +151,7 @@ def _serve(connection: Connection, compute: Callable[..., Any]) -> None:
 
 
 def _sendable(error: BaseException) -> Exception:
-    """Returns an error that can be sent and raised: itself, or else what it says."""
+    """Returns an error that can be sent and raised: the error itself, or one with its text."""
     if isinstance(error, Exception):
         with contextlib.suppress(Exception):
             ForkingPickler.loads(ForkingPickler.dumps(error))

@@ -15,7 +15,7 @@ from fuseline._tracefile import TraceFile
 
 _log = logging.getLogger("fuseline")
 
-#: An operator that ends waits this many seconds for the tasks that it has cancelled.
+#: The number of seconds that an operator waits at its end for the tasks that it has cancelled.
 GRACE = 1.0
 
 
@@ -40,17 +40,17 @@ class Recording:
         return self._error or (None if self._trace is None else self._trace.lost())
 
     def end(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begins to write what is left; nothing comes after it."""
+        """Begins to write the rest of the trace. Nothing is recorded after it."""
         self._engine.end(self._calls.now())
         if not self._engine.is_recording:
             self._engine.finish()
             return
-        # A thread of its own: the loop's may all be at work for calls that hang.
+        # This uses a thread of its own, because all threads of the loop's executor may hang.
         writer = ThreadPoolExecutor(1, "fuseline-trace")
         try:
             self._finished = loop.run_in_executor(writer, self._engine.finish)
         except RuntimeError:
-            # The program ends, and no thread can be begun.
+            # The program is about to end, and no thread can be started.
             self._engine.finish()
         else:
             self._finished.add_done_callback(self._written)
@@ -70,7 +70,7 @@ class Recording:
         _log.warning("%s: the program ends, and it was not closed: its trace ends here", self._name)
         until = time.monotonic() + GRACE
         try:
-            # Its thread may decide at this moment.
+            # The operator's thread may be in the middle of an input.
             while not self._ended_at_exit() and time.monotonic() < until:
                 time.sleep(0.001)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""One remote policy at a time, in a thread of its own, whose call can be ended."""
+"""Calls a remote policy in a thread of its own, so that a call can be ended."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fuseline._wiring import check_read, is_async
 
 _log = logging.getLogger("fuseline")
 
-#: This many threads may hang, in calls or in closing, before the next call is made later.
+#: The number of threads that may hang, in calls or in closing, before the next call is delayed.
 HUNG_THREADS = 16
 #: The seconds from the end of a connection until the next one may begin. They double with each
 #: thread that hangs beyond `HUNG_THREADS`, up to `LONGEST_PAUSE`.
@@ -45,12 +45,12 @@ class RemotePolicy(Protocol):
 class RemoteThread:
     """Connects, and makes one call at a time.
 
-    A call that is cancelled closes its connection: its reply can only be read by itself, so none
-    is taken for that of a later call. The next call connects again.
+    A cancelled call closes its connection, so that its reply cannot be mistaken for a later call's
+    reply. The next call connects again.
 
     Args:
         connect: Makes a connection.
-        read: Makes the value of a reply, or raises why it is none.
+        read: Makes a value from a reply, or raises an error if the reply has none.
         name: The operator's name in logs.
     """
 
@@ -76,7 +76,7 @@ class RemoteThread:
         return monotonic() >= self._ended + self._pause()
 
     async def infer(self, observation: Any, call: Call) -> Any:
-        """Makes a call; at most one at a time."""
+        """Makes a call. At most one call may be under way."""
         connection = self._connection
         if connection is None or connection.is_over:
             connection = self._connection = PolicyConnection(self._connect, self._read)
@@ -98,7 +98,7 @@ class RemoteThread:
         self._hung += [connection.thread, *connection.close()]
         self._ended = monotonic()
         hung = len(self._alive())
-        # At each doubling.
+        # Logs this each time that the number doubles.
         if hung >= HUNG_THREADS and hung.bit_length() > before.bit_length():
             _log.error(
                 "%s: %d threads hang in calls to the remote policy or in closing it, and the next "
@@ -109,7 +109,7 @@ class RemoteThread:
             )
 
     def wait(self, seconds: float) -> None:
-        """Waits until what was closed has ended, but no longer than this."""
+        """Waits until the closed connections have ended, but no longer than this."""
         until = monotonic() + seconds
         for thread in self._alive():
             thread.join(max(until - monotonic(), 0.0))
@@ -146,7 +146,7 @@ class PolicyConnection:
         return future
 
     def close(self) -> list[threading.Thread]:
-        """Ends the connection; a policy that is still being connected is closed once it is there.
+        """Ends the connection. A policy that is still connecting is closed once it is connected.
 
         Closing may wait for the server, so a thread does that.
         """
@@ -233,10 +233,10 @@ def _close(policy: RemotePolicy) -> None:
 
 
 def check_connects(remote: Any) -> None:
-    """Refuses what is no function that connects.
+    """Refuses a value that is not a function that connects.
 
     Raises:
-        ConfigError: if it is none, such as a policy.
+        ConfigError: if it is not such a function, for example a policy.
     """
     if not callable(remote) or (hasattr(remote, "infer") and not inspect.isclass(remote)):
         raise ConfigError(

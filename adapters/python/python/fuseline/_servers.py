@@ -1,4 +1,4 @@
-"""Connections to the policy servers of openpi and LeRobot."""
+"""Connects to the policy servers of openpi and LeRobot."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
             return self._policy.infer(observation)
 
         def close(self) -> None:
-            # Closing by the protocol would wait for the server, which may hang.
+            # Closing with the protocol's handshake would wait for the server, which may hang.
             self._policy._ws.socket.shutdown(socket.SHUT_RDWR)
 
     return OpenpiRemote
@@ -57,7 +57,7 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
     """
     if not isinstance(address, str) or not address.startswith("unix:"):
         _check_address(address)
-    # They rise from connection to connection, so that no reply is taken for another's.
+    # Steps keep rising across connections, so that no reply is mistaken for another call's.
     steps = itertools.count()
 
     class LerobotRemote:

@@ -244,6 +244,6 @@ class Setup(Generic[M, V]):
             raise ConfigError(f"{what} after the start; register it before")
 
     def _names(self) -> list[str]:
-        """Returns the names that counts have already."""
+        """Returns the names that counts already use."""
         sides = [side.name for side in self._handlers.sides]
         return [self.name, *sides, *(it.cloud.name or "" for it in self._clouds)]

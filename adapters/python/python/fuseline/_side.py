@@ -1,4 +1,4 @@
-"""Makes side requests: calls whose answers change shared state and become no output."""
+"""Makes side requests: calls whose answers change shared state and never become an output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fuseline._wiring import is_awaitable
 
 _log = logging.getLogger("fuseline")
 
-#: The possible outcomes of a message that a side request could be made about.
+#: The possible outcomes of a message for which a side request could be made.
 SIDE_OUTCOMES = ("handler failed", "refused", "requested", "expired", "failed", "answered")
 
 
@@ -31,7 +31,7 @@ class SideRequest:
     gate: Gate
     #: The number of calls that may be under way.
     calls: int
-    #: By `SIDE_OUTCOMES`.
+    #: The counts by outcome, one of `SIDE_OUTCOMES`.
     counts: Counter[str] = field(default_factory=Counter)
     #: The number of requests that wait for a call to end.
     waiting: int = 0
@@ -39,7 +39,7 @@ class SideRequest:
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def on_message(self, message: Any, call: Call) -> None:
-        """Makes a request about a message that was accepted, if the message handler wants one."""
+        """Makes a request for an accepted message, if the message handler returns one."""
         try:
             wanted = self.message_handler(message, call.timestamp)
             if wanted is None:

@@ -1,4 +1,4 @@
-"""Copies of messages, so that a buffer that is used again changes no message that waits."""
+"""Copies messages, so that a reused buffer does not change a waiting message."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from dataclasses import fields, is_dataclass
 from types import SimpleNamespace
 from typing import Any
 
-#: The types whose values nobody can change.
+#: The types with immutable values.
 UNCHANGEABLE = frozenset({int, float, bool, complex, str, bytes, range, type(None)})
 
 
 def snapshot(message: Any) -> Any:
     """Copies a message as far as it consists of plain data.
 
-    Plain data are arrays, the containers of Python, dataclasses, and what is in them. Any other
-    object is the same object in the copy.
+    Plain data are arrays, Python's containers, dataclasses, and their contents. The copy shares
+    every other object.
     """
     return message if type(message) in UNCHANGEABLE else _copied(message, {})
 
@@ -51,7 +51,7 @@ def _copied(value: Any, known: dict[int, Any]) -> Any:
         return _of_view(value)
     if kind is SimpleNamespace or (is_dataclass(value) and not isinstance(value, type)):
         return _of_object(value, known)
-    # Arrays of NumPy, PyTorch and the like.
+    # NumPy, PyTorch and similar libraries have such arrays.
     if hasattr(kind, "__dlpack__"):
         return _of_array(value)
     return value
@@ -65,7 +65,7 @@ def _of_object(value: Any, known: dict[int, Any]) -> Any:
             if hasattr(value, name):
                 object.__setattr__(made, name, _copied(getattr(value, name), known))
     except Exception:
-        # An object that cannot be copied is as any other object.
+        # An object that cannot be copied is shared like any other object.
         known[id(value)] = value
         return value
     return made

@@ -21,23 +21,24 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class RegisteredCloud:
-    """Holds a cloud, and what its requests are made of and go to."""
+    """Holds a cloud and its handlers."""
 
     cloud: Cloud
     handle: Callable[[Any, Call], Awaitable[Any]]
     message_handler: Callable[[Any, int], tuple[Any, Any] | None]
     response_handler: Callable[[Any], Any]
-    #: Makes the request of what the message handler returns, in a thread.
+    #: Encodes the message handler's request in a thread.
     encode: Callable[[Any], Any] | None
     calls: int
     linger: ns
     policy: Policy | None
     max_age: int
-    #: The last deadline that was a float, and its nanoseconds: mostly it is the same object.
+    #: The last deadline that was a float, and its nanoseconds. Usually the next deadline is the
+    #: same object.
     last_deadline: tuple[float, ns] = (0.0, ns(0))
 
     def deadline_of(self, deadline: Any) -> ns:
-        """Returns the deadline that the message handler gave, in nanoseconds."""
+        """Returns the message handler's deadline in nanoseconds."""
         last = self.last_deadline
         if deadline is last[0]:
             return last[1]
@@ -49,11 +50,11 @@ class RegisteredCloud:
 
 @dataclass(slots=True)
 class OutputHandlers:
-    """Holds what handles items beside sending them, and messages beside computing them."""
+    """Holds the further handlers of items and messages."""
 
-    #: E4: gives what is sent for a message that is missed or refused.
+    #: Returns the value to send for a message that is missed or refused (E4).
     substitute: Callable[[Item[Any]], Any] | None = None
-    #: E10: states, each with what reads it from a result that is sent.
+    #: The states, each with the function that reads it from a result that is sent (E10).
     states: list[tuple[CarriedState[Any], Callable[[Any], Any]]] = field(default_factory=list)
     sides: list[SideRequest] = field(default_factory=list)
     #: Records how long messages take.
@@ -68,18 +69,19 @@ class OutputHandlers:
 class SourceTasks:
     """Holds the calls or computations of one source."""
 
-    #: The most that may go on, those included that should have ended.
+    #: The greatest number of running tasks, including those that should have ended.
     limit: int
     cloud: RegisteredCloud | None
-    #: For requests that are to be encoded.
+    #: Encodes the source's requests, if they need it.
     encoder: Encoder | None = None
-    #: By timestamp; those that linger too. None for a task that is about to be made.
+    #: The tasks by timestamp, including those that linger. None stands for a task that is about to
+    #: be created.
     in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
     #: The tasks that were cancelled and have not ended.
     aborted: set[asyncio.Task[None]] = field(default_factory=set)
 
     def abort(self, t: int) -> None:
-        """Cancels a task; what it still returns is of no use."""
+        """Cancels a task. Its result is not used."""
         task = self.in_flight.pop(t, None)
         if task is not None:
             self.aborted.add(task)
@@ -95,7 +97,7 @@ async def value_of(returned: Any) -> Any:
 
 
 async def response_of(cloud: RegisteredCloud, returned: Any) -> Any:
-    """Returns the result of what a handle returned."""
+    """Returns the result that the response handler makes of a handle's response."""
     check_awaitable(returned, "the handle")
     response = await returned
     check_value(response, "the handle", "await it there")

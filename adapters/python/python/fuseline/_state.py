@@ -27,7 +27,8 @@ class CarriedState(Generic[S]):
 
     def __init__(self, state: S) -> None:
         self._state = state
-        #: The message of the state, None before the first, and whether its result was sent.
+        #: The message of the state, which is -1 before the first one, and True if its result was
+        #: sent.
         self._of = (-1, False)
         self._lock = threading.Lock()
 
@@ -46,6 +47,7 @@ class CarriedState(Generic[S]):
 
     def _replace(self, of: tuple[int, bool], state: S) -> None:
         with self._lock:
-            # The latest message counts, and for one message the result that was sent (E10).
+            # The state of the latest message is kept. For the same message, the sent result's state
+            # wins (E10).
             if self._of <= of:
                 self._of, self._state = of, state

@@ -1,4 +1,4 @@
-"""Threads that compute for an event loop; the interpreter does not wait for them at its end."""
+"""Computes for an event loop in threads for which the interpreter does not wait at its end."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
-#: The loop and the future that wait, and the arguments of the computation.
+#: The waiting loop and future, and the arguments of the computation.
 _Job = tuple[asyncio.AbstractEventLoop, "asyncio.Future[Any]", tuple[Any, ...]]
 
 
 class DaemonThreads:
     """Runs threads, each with a function that ``make`` made for it.
 
-    Unlike those of ``concurrent.futures`` they are daemons: one that hangs does not keep the
-    program from ending.
+    Unlike the threads of ``concurrent.futures`` they are daemons, so one that hangs does not keep
+    the program from ending.
     """
 
     def __init__(self, make: Callable[[], Callable[..., Any]], count: int, name: str) -> None:
         self._make, self._name = make, name
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = threading.Lock()
-        #: The running computations, and whether another thread replaced the computation's thread.
+        #: The running computations, with True if the computation's thread was replaced.
         self._running: dict[asyncio.Future[Any], bool] = {}
         for _ in range(count):
             self._start(make())
 
     def run(self, *arguments: Any) -> asyncio.Future[Any]:
-        """Returns a future of the running loop. If it is cancelled early, nothing is begun."""
+        """Returns a future on the running loop. If it is cancelled early, nothing is computed."""
         loop = asyncio.get_running_loop()
         future = loop.create_future()
         self._jobs.put((loop, future, arguments))
         return future
 
     def replace(self, future: asyncio.Future[Any]) -> bool:
-        """Lets another thread take the place of the one that computes this, which then ends.
+        """Replaces the thread that computes this. That thread ends after its computation.
 
-        Returns whether another thread was begun.
+        Returns True if another thread was started.
         """
         with self._lock:
             if self._running.get(future, True):
@@ -56,7 +56,7 @@ class DaemonThreads:
             return sum(self._running.values())
 
     def stop(self) -> None:
-        """Ends each thread once it has computed what it computes."""
+        """Ends each thread after its current computation."""
         self._jobs.put(None)
 
     def _start(self, compute: Callable[..., Any]) -> None:
@@ -70,7 +70,7 @@ class DaemonThreads:
                 self._jobs.put(None)
                 return
             is_replaced = self._compute(compute, *job)
-            # Else it would keep the values until the next one comes.
+            # The thread would otherwise keep the values until the next job comes.
             del job
             if is_replaced:
                 return
@@ -82,7 +82,7 @@ class DaemonThreads:
         future: asyncio.Future[Any],
         arguments: tuple[Any, ...],
     ) -> bool:
-        """Tells whether another thread took this one's place meanwhile."""
+        """Computes a job. Tells whether this thread was replaced in the meantime."""
         if future.cancelled():
             return False
         with self._lock:
@@ -92,7 +92,7 @@ class DaemonThreads:
         try:
             value = compute(*arguments)
         except StopIteration as stop:
-            # A future cannot have it.
+            # A future cannot hold a StopIteration.
             error = RuntimeError(f"it raised {stop!r}")
         except BaseException as raised:
             error = raised

@@ -1,4 +1,4 @@
-"""Draws a trace with matplotlib, which may not be there."""
+"""Draws a trace with matplotlib, which is optional."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ except ImportError as error:
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Colours that those who see fewer can distinguish (Okabe and Ito): local's, then the clouds'.
+#: Colours that colour-blind people can distinguish (Okabe and Ito). The first is local's, and the
+#: others are the clouds'.
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "#D55E00")
 NOTHING = "#B2182B"
 
-#: Seconds since the start, and milliseconds that it took.
+#: Points: the seconds since the start, and the response time in milliseconds.
 Points: TypeAlias = Sequence[tuple[float, float]]
 
 
@@ -28,14 +29,14 @@ def draw(
     waits: Points,
     missed: Sequence[float],
 ) -> Axes:
-    """Draws a point for each message, and a line for each wait in vain for a cloud.
+    """Draws a point for each message, and a line for each cloud that was awaited in vain.
 
     Args:
-        ax: Where to draw; a figure of its own if None.
-        title: What stands above it.
+        ax: The axes to draw on, or None for a new figure.
+        title: The title of the drawing.
         went: A source's name, its place among the sources if it has one, and its messages.
-        waits: Where a cloud was waited for in vain.
-        missed: When messages came that have no result.
+        waits: The points at which a cloud was awaited in vain.
+        missed: The instants of the messages without a result.
     """
     if ax is None:
         _, ax = plt.subplots(figsize=(10, 4), layout="constrained")

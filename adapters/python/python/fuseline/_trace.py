@@ -138,12 +138,12 @@ class Trace:
         return draw(ax, str(self.header.get("operator") or self.file), named, waits, missed)
 
     def _latencies(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
-        """Returns how long each source took, where waits were in vain, and what was missed."""
+        """Returns the points of outputs by source and of waits in vain, and when misses came."""
         opened: dict[int, int] = {}
         requested: dict[tuple[int, int], int] = {}
         waits: list[Point] = []
         missed: list[float] = []
-        # The latest output of each message, and those that have ended with it.
+        # The latest output of each message, and the messages that have ended.
         outputs: dict[int, tuple[int, int]] = {}
         ended: dict[int, None] = {}
         is_progressive = self.header.get("commit") == "progressive"

@@ -1,4 +1,4 @@
-"""Holds a trace's file while it is written: nobody else writes it or removes it unnoticed."""
+"""Holds a trace's file while it is written, so that nobody else writes or removes it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class TraceFile:
         _HELD.add(self)
 
     def lost(self) -> OSError | None:
-        """Returns an error if the file was removed, or if another is in its place."""
+        """Returns an error if the file was removed or replaced."""
         if not self._close.alive:
             return None
         try:
@@ -42,17 +42,17 @@ class TraceFile:
         return None
 
     def close(self) -> None:
-        """Lets go of the file."""
+        """Releases the file."""
         self._close()
 
     def give_up(self) -> None:
-        """Lets go of the file, for nothing will be written; a new file is removed."""
+        """Releases the file because nothing will be written, and removes it if it is new."""
         self._close()
         if self._is_new:
             self._path.unlink()
 
 
-#: The files that are held. A forked process must close them, or it would go on to hold them.
+#: The held files. A forked process must close them, or it would keep holding them.
 _HELD: weakref.WeakSet[TraceFile] = weakref.WeakSet()
 
 
@@ -73,10 +73,10 @@ def _is_trace(file: Path) -> bool:
 
 
 def hold(path: Any) -> TraceFile | None:
-    """Locks the file that a trace will be written to; None if it is no plain file.
+    """Locks the file for a trace. Returns None if it is not a plain file.
 
     Raises:
-        ConfigError: if another operator writes it, or the file is there and is no trace.
+        ConfigError: if another operator writes it, or if the file exists and is not a trace.
     """
     if path is None or fcntl is None:
         return None
@@ -92,7 +92,7 @@ def hold(path: Any) -> TraceFile | None:
             )
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
     except OSError:
-        # The writer of the file says why it cannot be written.
+        # The writer reports why the file cannot be written.
         return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -102,6 +102,6 @@ def hold(path: Any) -> TraceFile | None:
             f"the trace {file} is being written by another operator; give each a file of its own"
         ) from None
     except OSError:
-        # A file system without locks.
+        # The file system has no locks.
         pass
     return TraceFile(file, descriptor, is_new=is_new)

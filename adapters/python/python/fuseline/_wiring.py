@@ -1,4 +1,4 @@
-"""Checks that what an operator is made of fits where it is given; before the drive, if it shows."""
+"""Checks that the parts of an operator fit where they are given, before it starts if possible."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Made = TypeVar("Made", bound=type)
 
 
 class WiringError(ConfigError):
-    """Reports a mistake in what an operator is made of that shows only in a call."""
+    """Reports a mistake in an operator's parts that shows only in a call."""
 
 
 def check_function(function: Any, what: str) -> None:
-    """Refuses what is no plain function, and cannot be called like one.
+    """Refuses a value that is not a plain function and cannot be called like one.
 
     Raises:
         ConfigError: if it cannot be called, is a class, yields, or is an ``async def``.
@@ -37,7 +37,7 @@ def check_function(function: Any, what: str) -> None:
 
 
 def check_handle(handle: Any) -> None:
-    """Refuses what is no ``async def``, and cannot return an awaitable.
+    """Refuses a handle that is not an ``async def`` and cannot return an awaitable.
 
     Raises:
         ConfigError: if it cannot be called, is a class or a generator, or is not async.
@@ -47,7 +47,7 @@ def check_handle(handle: Any) -> None:
         raise ConfigError("a handle is an async def that returns its response, and yields nothing")
     function = inspect.unwrap(getattr(handle, "__func__", handle))
     is_named = inspect.isfunction(function) and function.__name__ != "<lambda>"
-    # A plain decorator of an async function returns what that returns.
+    # A plain decorator of an async function returns that function's awaitable.
     if is_named and not is_async(handle) and not is_async(function):
         raise ConfigError(
             f"the handle {function.__qualname__} is not async: make it an async def; if it blocks, "
@@ -56,15 +56,15 @@ def check_handle(handle: Any) -> None:
 
 
 def check_takes(function: Any, what: str, *arguments: str) -> None:
-    """Refuses a function that says that it takes other arguments.
+    """Refuses a function whose signature does not accept these arguments.
 
     Raises:
-        ConfigError: if it cannot.
+        ConfigError: if the signature does not accept them.
     """
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
-        # It does not say, as some that are not written in Python.
+        # Some functions that are not written in Python have no signature.
         return
     try:
         signature.bind(*arguments)
@@ -73,10 +73,10 @@ def check_takes(function: Any, what: str, *arguments: str) -> None:
 
 
 def check_awaitable(returned: Any, what: str) -> None:
-    """Refuses what a handle returned if it cannot be awaited.
+    """Refuses a handle's return value if it cannot be awaited.
 
     Raises:
-        WiringError: if it is no awaitable, as of a lambda that returns a value.
+        WiringError: if it is not an awaitable, for example because a lambda returned a value.
     """
     if not is_awaitable(returned):
         kind = type(returned).__name__
@@ -84,10 +84,10 @@ def check_awaitable(returned: Any, what: str) -> None:
 
 
 def check_value(value: Any, what: str, remedy: str) -> None:
-    """Refuses a value that cannot be sent on, such as an awaitable for a response.
+    """Refuses a value that cannot be passed on, such as an awaitable in place of a response.
 
     Raises:
-        WiringError: if it is an awaitable that nobody would await, or a generator.
+        WiringError: if it is an awaitable, which nobody would await, or a generator.
     """
     kind = type(value)
     is_generator = kind is GeneratorType or kind is AsyncGeneratorType
@@ -104,7 +104,7 @@ def check_value(value: Any, what: str, remedy: str) -> None:
 
 
 def no_value(what: str) -> WiringError:
-    """Returns the error for None as a value: nearly always a ``return`` is missing."""
+    """Returns the error for None as a value. Nearly always a ``return`` is missing."""
     return WiringError(
         f"{what} returned None, which is no value: add the return, or return an empty value that "
         "is not None"
@@ -112,7 +112,7 @@ def no_value(what: str) -> WiringError:
 
 
 def check_read(value: Any, what: str) -> None:
-    """Refuses what a plain handler returned if it is no value.
+    """Refuses a plain handler's return value if it is not a value.
 
     Raises:
         WiringError: if it is None, an awaitable or a generator.
@@ -123,16 +123,16 @@ def check_read(value: Any, what: str) -> None:
 
 
 def check_response_handler(handler: Any) -> None:
-    """Refuses what cannot be called; a class makes the output of the response."""
+    """Refuses a handler that cannot be called. A class may make the output."""
     if not callable(handler):
         raise ConfigError(f"a response handler is a function, not {handler!r}")
 
 
 def check_priority(priority: Any, others: list[int]) -> None:
-    """Refuses a priority that is none, or another cloud's.
+    """Refuses an invalid priority, or another cloud's.
 
     Raises:
-        ConfigError: if it is none, out of range, or another cloud's.
+        ConfigError: if it is not an int, out of range, or another cloud's.
     """
     if isinstance(priority, bool) or not isinstance(priority, int):
         raise ConfigError(f"a priority of {priority!r}; it is an int from 1 to 65535")
@@ -143,23 +143,23 @@ def check_priority(priority: Any, others: list[int]) -> None:
 
 
 def check_count(count: Any, least: int, what: str) -> None:
-    """Refuses what is no whole number of at least ``least``."""
+    """Refuses a value that is not a whole number of at least ``least``."""
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
         raise ConfigError(f"{what} of {count!r}; it is an int of at least {least}")
 
 
 def check_range(count: Any, least: int, most: int, what: str) -> None:
-    """Refuses what is no whole number from ``least`` to ``most``."""
+    """Refuses a value that is not a whole number from ``least`` to ``most``."""
     check_count(count, least, what)
     if count > most:
         raise ConfigError(f"{what} of {count}; it is at most {most}")
 
 
 def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
-    """Refuses a name that counts, logs and traces could not be read by.
+    """Refuses a name that would make counts, logs and traces unreadable.
 
     Raises:
-        ConfigError: if it is no text, empty, or taken.
+        ConfigError: if it is not text, empty, or already used.
     """
     check_text(name, what)
     if name == "local":
@@ -175,7 +175,7 @@ def check_text(name: Any, what: str) -> None:
     """Refuses a name that logs cannot show in one line.
 
     Raises:
-        ConfigError: if it is no text, empty, or has a line break or another control character.
+        ConfigError: if it is not text, empty, or has a line break or another control character.
     """
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{what} named {name!r}; a name is a str that is not empty")
@@ -189,10 +189,10 @@ def check_text(name: Any, what: str) -> None:
 
 
 def check_commit(commit: Any) -> None:
-    """Refuses what is no word of a commit rule.
+    """Refuses a value that is not the name of a commit rule.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if there is no such rule.
     """
     words = [str(it) for it in Commit]
     if commit not in words:
@@ -213,11 +213,11 @@ def check_message(message: Any) -> None:
 
 
 def check_result(value: Any) -> None:
-    """Refuses a result that says that there is none.
+    """Refuses a value that stands for the lack of a result.
 
     Raises:
         WiringError: if it is a future that nobody waits for.
-        Exception: the one that was returned for a result.
+        Exception: the exception that was returned in place of a result.
     """
     if isinstance(value, BaseException):
         raise value if isinstance(value, Exception) else RuntimeError(repr(value))
@@ -231,7 +231,7 @@ def check_clock(clock: Any) -> None:
     """Refuses a clock that does not read whole nanoseconds.
 
     Raises:
-        ConfigError: if it is none, or reads something else, such as seconds as a float.
+        ConfigError: if it is not a clock, or reads something else, such as seconds as a float.
     """
     check_function(clock, "a clock")
     try:
@@ -245,20 +245,20 @@ def check_clock(clock: Any) -> None:
 
 
 def check_trace(path: Any) -> None:
-    """Refuses what is no path of a file.
+    """Refuses a value that is not the path of a file.
 
     Raises:
-        ConfigError: if it is none, such as an open file.
+        ConfigError: if it is not a path, for example an open file.
     """
     if path is not None and not isinstance(path, (str, bytes, os.PathLike)):
         raise ConfigError(f"a trace of {path!r}; give the path of the file that it is written to")
 
 
 def check_reserve(reserve: Any) -> None:
-    """Refuses what is no list of `Latency`.
+    """Refuses a value that is not a list of `Latency`.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if it is not such a list.
     """
     is_list = isinstance(reserve, Iterable) and not isinstance(reserve, (str, bytes))
     if not is_list or not all(isinstance(it, Latency) for it in reserve):
@@ -268,10 +268,11 @@ def check_reserve(reserve: Any) -> None:
 
 
 def check_messages(messages: Any) -> None:
-    """Refuses what is no stream of messages.
+    """Refuses a value that is not a stream of messages.
 
     Raises:
-        ConfigError: if it is none, or most likely one message, such as a text or a dictionary.
+        ConfigError: if it is not a stream, or is most likely one message, such as a text or a
+            dictionary.
     """
     if isinstance(messages, (str, bytes, bytearray, memoryview, Mapping)):
         kind = type(messages).__name__
@@ -287,10 +288,10 @@ def check_messages(messages: Any) -> None:
 
 
 def check_timeout(timeout: Any) -> float | None:
-    """Returns how long to wait, in seconds; None waits without end.
+    """Returns the time to wait in seconds, or None to wait forever.
 
     Raises:
-        TypeError: if it is no duration.
+        TypeError: if it is not a duration.
     """
     if timeout is None:
         return None
@@ -306,10 +307,10 @@ def check_timeout(timeout: Any) -> float | None:
 
 
 def check_policy(policy: Any) -> None:
-    """Refuses what is no object with the methods of a policy, and no plain function.
+    """Refuses a value that is neither an object with a policy's methods nor a plain function.
 
     Raises:
-        ConfigError: if it is a class, neither of both, or lacks a method.
+        ConfigError: if it is a class, is neither of these, or lacks a method.
     """
     if inspect.isclass(policy):
         raise ConfigError(f"the class {policy.__name__} for a policy; give an instance")
@@ -321,10 +322,10 @@ def check_policy(policy: Any) -> None:
 
 
 def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str) -> None:
-    """Refuses a policy that would learn of two clouds as of one.
+    """Refuses a policy that would learn from two clouds as if they were one.
 
     Raises:
-        ConfigError: if another cloud has it, or a part of it, too.
+        ConfigError: if another cloud shares the policy or a part of it.
     """
     own = learners(policy)
     if any(a is b for other in others if other is not None for b in learners(other) for a in own):

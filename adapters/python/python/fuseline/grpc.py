@@ -459,7 +459,7 @@ def _port(parts: Any) -> int | None:
 
 
 def _plain(error: Any) -> str:
-    """Says in a few plain words why a call failed."""
+    """Returns in a few plain words why a call failed."""
     details = " ".join((error.details() or "").split())
     if "onnection refused" in details:
         return "connection refused"

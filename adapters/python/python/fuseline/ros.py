@@ -151,7 +151,7 @@ class TimeSynchronizer:
         return given
 
     def _give(self, given: list[Joined]) -> None:
-        """Callbacks may take long, and may call this object."""
+        """Calls the callbacks without the lock, because they may call this object."""
         for joined in given:
             for callback in self._callbacks:
                 callback(joined)

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Jumps to the next timer where another selector would sleep until then."""
+    """Jumps to the next timer where another selector would sleep."""
 
     def __init__(self, patience: float) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class _JumpingSelector(selectors.DefaultSelector):
 
 
 class _OrderedTimer(asyncio.TimerHandle):
-    """Orders timers of one instant by when they were set."""
+    """Orders timers that are due at the same instant by the order in which they were set."""
 
     __slots__ = ("number",)
 

@@ -1,4 +1,4 @@
-"""The page of a fleet from the shell: ``python -m fuseline.fleet rows.parquet -o fleet.html``."""
+"""Makes the page of a fleet: ``python -m fuseline.fleet rows.parquet -o fleet.html``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fuseline.fleet import report
 
 
 def main() -> int:
-    """Makes the page. Returns 2 if there is none."""
+    """Makes the page. Returns 2 if it cannot be made."""
     parser = argparse.ArgumentParser(prog="python -m fuseline.fleet")
     parser.description = "Makes a page of the rows of a fleet that are kept in Parquet."
     parser.add_argument("rows", help="a Parquet file, a folder of them, or a pattern")

@@ -1,4 +1,4 @@
-"""The table of rows for pyarrow, which may not be there."""
+"""Makes the table of rows for pyarrow, which is optional."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OUTPUT = pa.struct(
         pa.field("items", pa.int64(), nullable=False),
     ]
 )
-#: The table's columns. A timestamp may be any number of 64 bits.
+#: The table's columns. A timestamp may be any 64-bit number.
 SCHEMA = pa.schema(
     [
         pa.field("file", pa.string(), nullable=False),

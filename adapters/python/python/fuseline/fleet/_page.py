@@ -1,4 +1,4 @@
-"""A page over the rows of a fleet."""
+"""Makes a page from the rows of a fleet."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ except ImportError as error:
 from fuseline._judge import replace_file
 from fuseline.fleet._summaries import FLATTEN, SUMMARIES
 
-#: An answer: the names of its columns, and its rows.
+#: The answer to a query: the names of its columns, and its rows.
 Answer: TypeAlias = tuple[list[str], list[tuple[Any, ...]]]
 
-#: Colours that those who see fewer can distinguish (Okabe and Ito): local's, then the clouds'.
+#: Colours that colour-blind people can distinguish (Okabe and Ito). The first is local's, and the
+#: others are the clouds'.
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 STYLE = """
@@ -41,7 +42,7 @@ svg { width: 100%; height: auto; display: block } svg text { font-size: 11px; fi
 
 
 def write(rows: str, page: Path, title: str) -> None:
-    """Asks the summaries of the rows, and writes the page once all are answered."""
+    """Runs the summaries over the rows, and writes the page once all have answers."""
     replace_file(page, _page(ask(rows), title).encode())
 
 
@@ -135,7 +136,7 @@ def _table(heading: str, answer: Answer, none: str = "There is nothing.") -> str
     return f'<h2>{heading}</h2><div class="wide"><table>{"".join(lines)}</table></div>'
 
 
-#: Columns of words.
+#: The columns with text.
 WORDS = frozenset({"drive", "file", "error", "rule", "source", "operator", "doubts"})
 #: Columns in seconds.
 SECONDS = {"p50": "median, ms", "p90": "90 %, ms", "p99": "99 %, ms", "greatest": "greatest, ms"}
@@ -164,7 +165,7 @@ WIDTH, HEIGHT, LEFT, FLOOR = 900, 240, 46, 212
 
 
 def _curves(answer: Answer) -> str:
-    """For each source, which share of its outputs took at most how long."""
+    """Draws for each source which share of its outputs took at most how long."""
     sources: dict[str, list[tuple[float, int]]] = {}
     for source, seconds, items in answer[1]:
         sources.setdefault(source, []).append((max(seconds, 1e-6), items))
@@ -200,7 +201,7 @@ def _curves(answer: Answer) -> str:
 
 
 def _bars(answer: Answer) -> str:
-    """Shows how many drives had which share of their outputs from local."""
+    """Draws how many drives got which share of their outputs from local."""
     if not answer[1]:
         return ""
     greatest = max(drives for _, drives in answer[1])

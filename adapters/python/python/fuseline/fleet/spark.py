@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["COLUMNS", "judge"]
 
-#: The columns as Spark has them: it knows no whole number of 64 bits without a sign, so a
-#: timestamp is a decimal, as when it reads the Parquet that another engine wrote.
+#: The columns for Spark, which has no unsigned 64-bit integers. So a timestamp is a decimal, as
+#: when Spark reads Parquet that another engine wrote.
 COLUMNS = (
     "file string, drive string, operator string, conforms boolean, manner string, judge string, "
     "error string, judged bigint, lines bigint, seconds double, messages bigint, missed bigint, "
@@ -54,7 +54,7 @@ def _batches(how: dict[str, Any], batches: Iterator[pa.RecordBatch]) -> Iterator
 
     at = fleet.schema().get_field_index("t")
     for batch in batches:
-        # A trace at a time: what a task holds does not grow with its traces.
+        # This judges one trace at a time, so that a task's memory does not grow with its traces.
         for path in batch.column(0).to_pylist():
             rows = fleet.judge_all([path], **how)
             t = rows.column(at).cast(pa.decimal128(20, 0))
