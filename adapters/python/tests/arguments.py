@@ -1,4 +1,4 @@
-"""The arguments that operators and local take and refuse, for `test_arguments`."""
+"""Lists the arguments that operators and local accept and refuse, for `test_arguments`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def many(message: Any, t: int) -> Any:
 
 
 class AsyncObject:
-    """An instance is called like an ``async def``."""
+    """Has instances that are called like an ``async def``."""
 
     async def __call__(self, message: Any, t: int) -> Any:
         return message
@@ -118,23 +118,23 @@ RANGE = "a priority of {}; clouds have 1 to 65535, and local has 0"
 
 
 def but_none(bad: Bad) -> Bad:
-    """Returns the bad values but None, for an argument whose default None stands for."""
+    """Returns the bad values except None, for an argument for which None means the default."""
     return [it for it in bad if it[0] is not None]
 
 
 @dataclass
 class Arguments:
-    """The arguments that a call takes, and those that it refuses."""
+    """Holds the arguments that a call accepts, and those that it refuses."""
 
     #: Called with all arguments by name.
     call: Callable[..., Any]
     good: dict[str, Any] = field(default_factory=dict)
     bad: dict[str, Bad] = field(default_factory=dict)
-    #: More that is taken, at the bounds.
+    #: Further accepted values, at the bounds.
     taken: dict[str, list[Any]] = field(default_factory=dict)
-    #: Whatever is given is taken as it is, or refused by what it is handed to.
+    #: Arguments that are accepted as they are, or refused by the code that they are passed to.
     free: str = ""
-    #: The function that has the signature, if it is not the call.
+    #: The function with the signature, if it is not the call.
     of: Callable[..., Any] | None = None
 
 
@@ -158,7 +158,7 @@ def method(make: Callable[[], Any], name: str) -> Callable[..., Any]:
 
 
 def clouded() -> Operator[Any, Any]:
-    """An operator with a cloud of priority 7."""
+    """Returns an operator with a cloud of priority 7."""
     made = operator()
     made.use_cloud(echo, plain, str, 7)
     return made

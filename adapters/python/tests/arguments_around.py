@@ -1,4 +1,4 @@
-"""The arguments that the parts around operators take and refuse, for `test_arguments`."""
+"""Lists the arguments that the parts around operators accept and refuse, for `test_arguments`."""
 
 from __future__ import annotations
 

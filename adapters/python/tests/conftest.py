@@ -28,7 +28,7 @@ Run = Callable[[Callable[[VirtualLoop], Coroutine[Any, Any, T]]], T]
 
 @pytest.fixture
 def run() -> Run[Any]:
-    """Runs a test's coroutine in virtual time; no task, timer, thread or file is left behind."""
+    """Runs a test's coroutine in virtual time, and checks that it leaves nothing behind."""
 
     def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
         files = open_files()
@@ -64,7 +64,7 @@ def open_files() -> int:
 
 @pytest.fixture(scope="session")
 def command() -> str:
-    """The command `fuseline`, built of this project."""
+    """Returns the path of the command `fuseline`, which was built from this project."""
     path = os.environ.get("FUSELINE_COMMAND")
     if not path:
         pytest.skip("FUSELINE_COMMAND does not name the command")
@@ -73,7 +73,7 @@ def command() -> str:
 
 @pytest.fixture(scope="session")
 def drives(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """The paths of 48 drives, some wrong or cut short, and of one that is not there."""
+    """Returns the paths of 48 drives, some wrong or cut short, and of one missing file."""
     folder = tmp_path_factory.mktemp("fleet")
     for seed in range(48):
         trace = drive(seed, 200)

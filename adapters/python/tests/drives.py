@@ -19,11 +19,11 @@ DEADLINE = 100_000_000
 
 
 def drive(seed: int, messages: int, operator: str = "perception") -> bytes:
-    """The trace of one drive; the same for the same seed."""
+    """Returns the trace of one drive, which is always the same for a seed."""
     chance = random.Random(seed)
     clouds = [Cloud(1, name="west"), Cloud(2, name="east")]
     fusion = Fusion(clouds, window=64, operator=operator, record=True)
-    # Each drive has its own network, and now and then no network.
+    # Each drive has a different network, and at times none.
     medians = {1: chance.uniform(0.02, 0.08), 2: chance.uniform(0.04, 0.12)}
     later: list[tuple[int, int, int]] = []
     away = 0
@@ -50,7 +50,7 @@ def drive(seed: int, messages: int, operator: str = "perception") -> bytes:
 
 
 def spoiled(trace: bytes) -> bytes:
-    """The drive with an output that the rules do not allow: another source's."""
+    """Returns the drive with an output from a wrong source, which the rules do not allow."""
     head, emit, tail = trace.partition(b'{"ev":"emit"')
     line, end, rest = tail.partition(b"\n")
     p = b'"p":0}' if not line.endswith(b'"p":0}') else b'"p":1}'
@@ -58,7 +58,7 @@ def spoiled(trace: bytes) -> bytes:
 
 
 def write(folder: Path, drives: int, messages: int) -> list[Path]:
-    """A fleet: a trace for each drive, each of its own seed."""
+    """Writes a fleet: a trace for each drive, each with its own seed. Returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for seed in range(drives):
@@ -69,7 +69,7 @@ def write(folder: Path, drives: int, messages: int) -> list[Path]:
 
 
 def main() -> None:
-    """Write a fleet and say how large it is."""
+    """Writes a fleet and prints how large it is."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--drives", type=int, default=1000)

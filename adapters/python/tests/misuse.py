@@ -1,4 +1,4 @@
-"""The mark of a case of misuse, for the table of `docs/safety/make`; and what the cases share."""
+"""Marks cases of misuse for the table of `docs/safety/make`, and has the code that they share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Counts = Counter[tuple[str, str, str]]
 
 
 def misuse(does: str, happens: str) -> Callable[[Case], Case]:
-    """A caller who does this, and what happens: it is refused, or reported."""
+    """Marks a test with what the caller does, and how it is refused or reported."""
     assert does and happens
     return lambda case: case
 
@@ -54,7 +54,7 @@ def played(
     of: str = "a",
     **options: Any,
 ) -> tuple[list[Item[Any]], Counts]:
-    """A message of each letter, with what was prepared."""
+    """Plays a message for each letter with a prepared operator."""
 
     async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counts]:
         operator = operator_of(clock=loop.time_ns, **options)
@@ -71,7 +71,7 @@ def wiring_errors(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 def elsewhere(work: Callable[[], Any]) -> BaseException | None:
-    """Returns what it raises in another thread."""
+    """Runs `work` in another thread. Returns the exception that it raises."""
     raised: list[BaseException] = []
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""Shared by the tests of operators: clouds and local with a runtime, and a judged run."""
+"""Has the code that tests of operators share: clouds and local with a runtime, and a judged run."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any
 
 
 def judged(path: Path, messages: int) -> None:
-    """The trace conforms strictly, byte for byte, and as observed without any tolerance."""
+    """Checks that a trace conforms strictly, replays byte for byte, and conforms as observed."""
     verdict = check(path)
     assert not verdict.violations, str(verdict)
     assert verdict.judged == messages
@@ -60,7 +60,7 @@ def judged(path: Path, messages: int) -> None:
 
 
 def stubborn(seconds: float, count: list[int]) -> Handle:
-    """Returns a cloud whose first calls go on for `seconds` after they were cancelled."""
+    """Returns a cloud whose first calls continue for `seconds` after they were cancelled."""
 
     async def handle(request: Any, call: Call) -> Any:
         if call.timestamp >= count[0]:

@@ -1,4 +1,4 @@
-"""Counts add up, and each part of an operator gives back what it took."""
+"""Tests that counts add up, and that each part of an operator releases what it used."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from operator_support import MS, ask, local_after
 def test_each_side_request_ends_once_and_gives_its_place_back(
     run: Run[Any], seed: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """D8, D11: against what the handlers saw."""
+    """Counts of side requests agree with what the handlers saw (D8, D11)."""
     rng, seen = random.Random(seed), Counter[str]()
     running: set[int] = set()
 
@@ -80,7 +80,7 @@ def test_each_side_request_ends_once_and_gives_its_place_back(
 
 
 def test_a_side_gate_shuts_and_opens_at_its_bounds(run: Run[Any]) -> None:
-    """F2g."""
+    """A side request's gate shuts at its limit and opens at its resume (F2g)."""
     calls: list[tuple[int, float]] = []
 
     async def handle(n: int, call: Call) -> None:
@@ -94,7 +94,7 @@ def test_a_side_gate_shuts_and_opens_at_its_bounds(run: Run[Any]) -> None:
         )
         refused = []
         async with operator:
-            # One is called and three wait; then none until one waits.
+            # One is called and three wait. Then the gate is shut until only one waits.
             for n, at in enumerate([0, 1, 2, 3, 4, 59, 61, 119, 121, 122]):
                 await asyncio.sleep(1000.0 + at * MS - loop.time())
                 before = operator.counts["plan", "side request", "refused"]
@@ -103,7 +103,7 @@ def test_a_side_gate_shuts_and_opens_at_its_bounds(run: Run[Any]) -> None:
                     refused.append(n)
                 await operator.read()
             await asyncio.sleep(1)
-        # At 119 ms two wait, at 121 one does.
+        # At 119 ms two requests wait, and at 121 ms one does.
         assert refused == [4, 5, 6, 7]
         assert [n for n, _ in calls] == [0, 1, 2, 3, 8, 9]
         assert [left for _, left in calls[:4]] == [0.5, 0.441, 0.382, 0.323]
@@ -112,7 +112,7 @@ def test_a_side_gate_shuts_and_opens_at_its_bounds(run: Run[Any]) -> None:
 
 
 def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[Any]) -> None:
-    """E8."""
+    """Readers that come and go leave nothing behind and delay nobody (E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(local_after(0), clock=loop.time_ns)
@@ -122,7 +122,8 @@ def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[A
                 other = first.new_reader()
                 operator.write(n)
                 one = await first.read()
-                # It waits with the others for the next one, and takes what one of them took.
+                # This reader waits with the others for the next item, and gets the one that another
+                # has read.
                 assert one is not None and one.timestamp == n
                 if n % 3 == 0:
                     two = await other.read()
@@ -140,7 +141,7 @@ def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[A
 
 
 def test_reader_that_is_let_go_leaves_no_task(run: Run[Any]) -> None:
-    """E9."""
+    """A reader in order that is dropped leaves no task (E9)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(Local.task(local_after(0), at_once=4), clock=loop.time_ns)
@@ -151,7 +152,7 @@ def test_reader_that_is_let_go_leaves_no_task(run: Run[Any]) -> None:
             await asyncio.sleep(MS)
             reading.cancel()
             await asyncio.wait([reading])
-            # What was begun is the next reader's; without a reader it ends.
+            # A read that has begun belongs to the next reader. Without a reader, it ends.
             assert len(asyncio.all_tasks()) > tasks
             del ordered, reading
             gc.collect()
@@ -162,7 +163,7 @@ def test_reader_that_is_let_go_leaves_no_task(run: Run[Any]) -> None:
 
 
 def test_a_blocking_operator_leaves_no_thread_loop_or_file(tmp_path: Path) -> None:
-    """D8: however its block ends."""
+    """A blocking operator leaves nothing behind, however its block ends (D8)."""
 
     async def local(message: int, t: int) -> int:
         return message
@@ -188,11 +189,11 @@ def test_a_blocking_operator_leaves_no_thread_loop_or_file(tmp_path: Path) -> No
     threads, files = threading.active_count(), open_files()
     for number in range(12):
         once(number)
-        # One that cannot start ends its thread too.
+        # An operator that cannot start ends its thread too.
         nowhere: Operator[int, int] = Operator(local, trace=tmp_path / "nowhere" / "trace.jsonl")
         with pytest.raises(OSError, match="nowhere"), BlockingOperator(nowhere):
             pass
-    # The writer of the last trace may be about to end.
+    # The thread that wrote the last trace may still be ending.
     for thread in threading.enumerate():
         if thread.name.startswith("fuseline-"):
             thread.join(30)
@@ -202,7 +203,7 @@ def test_a_blocking_operator_leaves_no_thread_loop_or_file(tmp_path: Path) -> No
 
 
 def test_places_of_calls_that_ended_in_any_way_are_free_again_over_grpc() -> None:
-    """D8, D12: at a server that takes two calls at once."""
+    """Places are free again after every kind of end, at a server with two places (D8, D12)."""
     grpc = pytest.importorskip("fuseline.grpc")
 
     async def infer(payload: bytes, call: Call) -> bytes:
@@ -225,7 +226,7 @@ def test_places_of_calls_that_ended_in_any_way_are_free_again_over_grpc() -> Non
                 calls[words.index(b"hang")].cancel()
                 await asyncio.gather(*calls, return_exceptions=True)
                 assert all(it.done() for it in calls)
-                # The server learns of it a moment later.
+                # The server notices the ends a moment later.
                 while True:
                     both = [remote.infer(it, Call(n, 30.0)) for it in (b"a", b"b")]
                     if await asyncio.gather(*both, return_exceptions=True) == [b"a", b"b"]:
@@ -235,7 +236,7 @@ def test_places_of_calls_that_ended_in_any_way_are_free_again_over_grpc() -> Non
 
 
 def test_a_join_that_ends_early_lets_its_inputs_and_timers_go(run: Run[Any]) -> None:
-    """E5, E8."""
+    """A join that ends early releases its inputs and timers (E5, E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(local_after(0), clock=loop.time_ns)
@@ -252,7 +253,7 @@ def test_a_join_that_ends_early_lets_its_inputs_and_timers_go(run: Run[Any]) -> 
                 joined = await join.read()
                 assert joined is not None and joined.key == 0 and not joined.missing
                 camera.write(1, Lineage("camera", 1))
-                # The next set waits to be read; another message finds no room.
+                # The next set waits to be read, and another message finds no room.
                 with pytest.raises(fuseline.Full):
                     camera.write(2, Lineage("camera", 2))
             assert len(asyncio.all_tasks()) == tasks
@@ -275,7 +276,7 @@ async def camera(frames: int) -> AsyncIterator[int]:
 def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
     run: Run[Any], tmp_path: Path
 ) -> None:
-    """D8, D10: its feed, calls, side requests, encoders, timers and its trace."""
+    """A stop releases feeds, calls, side requests, encoders, timers and the trace (D8, D10)."""
     calls = [0, 0]
 
     async def hang(request: Any, call: Call) -> Any:
@@ -303,7 +304,7 @@ def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
             assert await operator.read() is None
             with pytest.raises(fuseline.Closed):
                 operator.write(1)
-        # Those whose request is still encoded have not begun.
+        # Calls whose request is still being encoded have not begun.
         assert 4 <= calls[0] == calls[1]
         driver = operator._driver
         assert driver is not None and driver.is_idle and not operator._feeds.tasks
@@ -317,7 +318,7 @@ def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
 
 
 def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> None:
-    """D9."""
+    """A clock that goes back stands still for the operator (D9)."""
     back = [0.0]
 
     async def main(loop: VirtualLoop) -> list[tuple[int, int, float]]:
@@ -338,13 +339,14 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
                 await asyncio.sleep(5)
         return items
 
-    # The third is taken in at what the clock showed before, and so is the fourth, 2 s too early.
+    # The third message is accepted at the clock's earlier reading, and so is the fourth, 2 s too
+    # early.
     assert run(main) == [(0, 0, 0.0), (5, 5, 0.0), (5, 5, 0.0), (8, 8, 0.0)]
     assert not fuseline.check(tmp_path / "trace.jsonl").violations
 
 
 def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -> None:
-    """E3: of those that were taken on, whenever they came."""
+    """The latency covers only messages that were accepted, whenever they came (E3)."""
 
     async def main(loop: VirtualLoop) -> None:
         latency = Latency.measured(10, 0.5)
@@ -357,7 +359,7 @@ def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -
         async with operator:
             for n in range(200):
                 operator.write(n)
-                # There is no room for it: it took no time, which is of no use to others.
+                # There is no room for this message. It takes no time, so it must not count.
                 operator.write(n)
                 assert await operator.read() is not None and await operator.read() is not None
                 await asyncio.sleep(1)
@@ -367,7 +369,7 @@ def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -
 
 
 def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptureFixture) -> None:
-    """D8: each message from another thread is taken or counted."""
+    """Each message from another thread is accepted or counted (D8)."""
     operator = Operator(local_after(0), window=2)
     with pytest.raises(fuseline.ConfigError, match="has not started"):
         operator.feed([1])
@@ -379,7 +381,7 @@ def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptur
                 await asyncio.to_thread(operator.feed, [1])
 
     asyncio.run(main())
-    # Its loop is closed; more than the window has room for.
+    # The loop is closed, and more messages come than the window has room for.
     for _ in range(5):
         with pytest.raises(fuseline.Closed, match="loop has ended"):
             operator.write_threadsafe(1)
@@ -389,7 +391,7 @@ def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptur
 def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """D7, E5."""
+    """A join continues after handlers that fail, and reports them (D7, E5)."""
 
     def fails(drop: Any) -> None:
         raise KeyError("on purpose")
@@ -411,7 +413,7 @@ def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
             with pytest.raises(fuseline.ConfigError, match="after the start"):
                 join.aligned("right")
             left.write("no key")
-            # Nothing waits for the input that ended.
+            # The set does not wait for the input that ended.
             left.write("west", Lineage("left", 0))
             joined = await join.read()
             assert joined is not None and joined.set == {"left": "west"}
@@ -426,7 +428,7 @@ def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
 
 
 def test_timers_of_one_instant_go_off_in_the_order_in_which_they_were_set(run: Run[Any]) -> None:
-    """So equal runs give equal outputs, in Rust too."""
+    """Timers of one instant fire in the order in which they were set, as in Rust."""
 
     async def main(loop: VirtualLoop) -> list[int]:
         fired: list[int] = []
@@ -442,7 +444,7 @@ def test_timers_of_one_instant_go_off_in_the_order_in_which_they_were_set(run: R
 def test_no_side_request_is_made_for_a_message_whose_handler_stops_the_operator(
     run: Run[Any],
 ) -> None:
-    """D10."""
+    """A handler that stops the operator prevents its message's side request (D10)."""
     asked: list[int] = []
 
     async def side(n: int, call: Call) -> None:
@@ -468,7 +470,7 @@ def test_no_side_request_is_made_for_a_message_whose_handler_stops_the_operator(
 def test_the_latest_message_is_as_old_as_its_capture_and_a_lagging_reader_holds_none_back(
     run: Run[Any],
 ) -> None:
-    """E7, E8."""
+    """A latest message's age counts from its capture, and a lagging reader delays none (E7, E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(local_after(0), clock=loop.time_ns)
@@ -488,10 +490,10 @@ def test_the_latest_message_is_as_old_as_its_capture_and_a_lagging_reader_holds_
             await asyncio.sleep(0.01)
             assert await at_tick(0) == ([], 0)
             await asyncio.sleep(0.01)
-            # It came 20 ms ago, and was captured 210 ms ago.
+            # The message came 20 ms ago, and was captured 210 ms ago.
             assert await at_tick(1) == (["place"], 0)
             ticks.write(2, Lineage("control", 2))
-            # While that set waits to be read, the plan goes on.
+            # While that set waits to be read, further plans come.
             for _ in range(3):
                 operator.write(0)
                 await asyncio.sleep(0.01)
@@ -526,7 +528,7 @@ def test_who_holds_up_the_loop_is_counted_from_the_warning_on(
 
 
 def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any]) -> None:
-    """D8."""
+    """A source of messages is closed, however its operator ends (D8)."""
     closed: list[str] = []
 
     async def source(name: str) -> AsyncIterator[int]:
@@ -555,7 +557,7 @@ def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any])
 
 
 def test_a_reader_in_order_gives_what_waits_when_nothing_more_comes(run: Run[Any]) -> None:
-    """E9."""
+    """A reader in order returns the waiting items when no more come (E9)."""
 
     async def main(loop: VirtualLoop) -> list[int]:
         async def local(n: int, t: int) -> int:

@@ -1,4 +1,4 @@
-"""The machine behind `fuseline drive`: its decisions are those of the corpus."""
+"""Tests that the machine behind `fuseline drive` decides as the corpus does."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INPUTS = {"open", "offer", "result", "fail", "tick"}
 
 
 def test_each_input_of_the_corpus_is_answered_with_its_decisions() -> None:
-    """One process decides about all traces; a header starts afresh."""
+    """One process answers all traces, and each header starts a new machine."""
     given: list[bytes] = []
     expected: list[list[dict[str, Any]]] = []
     kinds: Counter[str] = Counter()
@@ -42,7 +42,7 @@ def test_each_input_of_the_corpus_is_answered_with_its_decisions() -> None:
 
 
 class FlushedAnswers(io.BytesIO):
-    """Knows how much of it was flushed, whole answers each time."""
+    """Records how much was flushed, and checks that each flush ends with a whole answer."""
 
     flushed = 0
 

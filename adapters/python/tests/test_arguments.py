@@ -1,6 +1,6 @@
-"""Bad arguments: each argument of what users call is refused where it is given, or taken as it is.
+"""Tests that a bad argument is refused where it is given, or accepted as it is.
 
-The table is held against the signatures, so that an argument without a case is red.
+The table is compared with the signatures, so that an argument without a case fails.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CASES = OPERATOR_CASES | CASES_AROUND
 
 
 async def called(case: Arguments, **of: Any) -> None:
-    """Within a loop: some calls need one."""
+    """Calls it within a loop, because some calls need one."""
     made = case.call(**{**case.good, **of})
     assert not isinstance(made, Capped)
 

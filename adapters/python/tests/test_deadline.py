@@ -1,4 +1,4 @@
-"""Losses as functions, and durations that say their unit."""
+"""Tests losses that are functions, and durations with a unit."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_what_a_loss_raises_is_raised_and_the_policy_goes_on() -> None:
 
 
 class LearningPolicy(Policy):
-    """Chooses a deadline, and keeps what it learns."""
+    """Chooses a deadline, and stores everything that it learns."""
 
     def __init__(self, deadline: float) -> None:
         self.deadline, self.learnt = deadline, list[tuple[End, Any]]()
@@ -103,7 +103,7 @@ class LearningPolicy(Policy):
 
 def test_what_is_compiled_of_policies_is_given_to_the_engine_and_all_else_as_it_is() -> None:
     class OwnConstant(Constant):
-        """May decide otherwise."""
+        """Might override the decision."""
 
     guard, expected = Guard(), Expected(Accuracy(0.3, 0.5, 0.001), 0.3)
     streaming = Streaming(BoxDetector(70.0, 0.7), BoxDetector(95.0, 0.85), 0.14, 0.015)
@@ -152,7 +152,7 @@ def test_durations_that_come_out_can_go_in() -> None:
         Constant(chosen.deadline // 2)
 
 
-#: No type checker lets it stand where metres belong.
+#: A type checker would refuse this where metres belong.
 MARGIN: Any = timedelta(seconds=2)
 
 

@@ -1,4 +1,4 @@
-"""The documents show what happens."""
+"""Tests that the programs in the documents do what the documents say."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_robot_whose_policy_server_dies_is_never_without_an_action(tmp_path: P
     lines = fuseline.Trace(tmp_path / "arm.jsonl").lines
     emitted = [line.p for line in lines if line.ev == "emit"]
     assert len(emitted) == 90
-    # The server was killed for a third of the time at least.
+    # The server was dead for at least a third of the time.
     assert set(emitted[32:60]) == {0}
     assert (tmp_path / "arm.png").read_bytes().startswith(b"\x89PNG")
 

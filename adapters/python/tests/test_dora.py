@@ -1,4 +1,4 @@
-"""The node of dora: with a node that a test plays, and in a dataflow of dora's own daemon."""
+"""Tests dora's node, with a node that a test plays and in a dataflow of dora's own daemon."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from fuseline import ConfigError, dora
 from fuseline.dora import FusionNode
 from fuseline.testing import VirtualLoop
 
-#: After how many seconds a source answers a value; None if never.
+#: Returns the seconds after which a source answers a value, or None if it never does.
 Plan = dict[str, Callable[[int], float | None]]
 INPUTS = ["input", "local_result", "west_result"]
 OUTPUTS = ["output", "missed", "local_request", "west_request"]
 
 
 class PlayedNode:
-    """Sends requests to sources that answer as planned, and keeps what else is sent."""
+    """Passes requests to sources that answer as planned, and stores all other outputs."""
 
     def __init__(self, loop: VirtualLoop, plan: Plan, outputs: list[str]) -> None:
         self.loop, self.plan, self.outputs = loop, plan, outputs
@@ -66,7 +66,7 @@ class PlayedNode:
 def play(
     run: Run[Any], plan: Plan, steps: list[dict[str, Any] | None], trace: Path | None = None
 ) -> PlayedNode:
-    """A second between two steps."""
+    """Plays the steps, one a second."""
 
     async def main(loop: VirtualLoop) -> PlayedNode:
         node = PlayedNode(loop, plan, OUTPUTS)
@@ -84,7 +84,7 @@ def play(
 
 
 def nothing_waits(fusion: FusionNode) -> None:
-    """D8: all that was taken was answered."""
+    """Checks that every accepted input was answered (D8)."""
     assert not fusion._open
     assert not any(source._waiting for source in fusion._sources.values())
 
@@ -137,7 +137,7 @@ def test_what_waits_when_its_input_is_closed_fails_at_once(run: Run[Any]) -> Non
                 took.append((str(item.source), round(item.latency, 3)))
                 node.fusion._send(item)
         nothing_waits(node.fusion)
-        # A result that comes although the input was closed opens it.
+        # A result that comes although its input was closed opens the input again.
         assert node.requests == 3
         return took
 
@@ -174,7 +174,7 @@ def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
 
 
 def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run[Any]) -> None:
-    """D8: each input is answered, missed or counted as dropped."""
+    """Each input is answered, missed or counted as dropped (D8)."""
 
     async def main(loop: VirtualLoop) -> PlayedNode:
         node = PlayedNode(loop, {"local": lambda _: 0.1, "west": lambda _: None}, OUTPUTS)
@@ -204,7 +204,7 @@ def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run
 def test_events_of_no_concern_change_nothing(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Sends events of unknown inputs, of an unknown kind, and of the own input's return."""
+    """Sends events of unknown inputs, of an unknown kind, and of its own input's recovery."""
     kinds = ("INPUT", "INPUT_CLOSED", "INPUT_RECOVERED", "STOPPED", "ERROR")
     other = [{"type": kind, "id": "lidar_result", "value": 0, "metadata": {}} for kind in kinds]
     own = [{"type": kind, "id": "input"} for kind in ("INPUT_RECOVERED", "ERROR")]
@@ -256,7 +256,7 @@ def test_a_node_without_the_output_sends_nothing_for_what_is_missed(run: Run[Any
 
 
 class QueuedNode(PlayedNode):
-    """Its events wait in a queue, as dora's do; each source answers at once."""
+    """Queues its events, as dora does. Each source answers at once."""
 
     def __init__(self, events: list[dict[str, Any]]) -> None:
         self.events: SimpleQueue[dict[str, Any]] = SimpleQueue()
@@ -284,7 +284,7 @@ class QueuedNode(PlayedNode):
 
 
 def test_what_came_before_the_end_is_answered_and_the_reader_ends_with_the_node() -> None:
-    # Dora gives the end of an input before what came earlier.
+    # Dora reports the end of an input before earlier events.
     events = [frame(0), {"type": "INPUT_CLOSED", "id": "input"}, frame(1), frame(2)]
     node = QueuedNode(events)
     threads = threading.active_count()
@@ -374,7 +374,7 @@ nodes:
 
 
 def sunk_in_a_dataflow(dora: Path, folder: Path) -> list[Any]:
-    """Returns what the camera had back in one run, by message, after it checked each part."""
+    """Plays one run and checks each part. Returns the camera's outputs by message."""
     folder.mkdir()
     (folder / "nodes.py").write_text(NODES)
     (folder / "flow.yml").write_text(DATAFLOW.replace("PYTHON", sys.executable))
@@ -388,7 +388,7 @@ def sunk_in_a_dataflow(dora: Path, folder: Path) -> list[Any]:
     )
     assert (folder / "run.jsonl").exists(), done.stdout + done.stderr
     verdict = fuseline.check(folder / "run.jsonl")
-    # A busy host may be late, but no message has two ends and no result is of another one.
+    # A busy host may be late, but no message ends twice or gets another message's result.
     assert {it.rule for it in verdict.violations} <= {"P3", "P4"}, str(verdict)
     sunk = [json.loads(line) for line in (folder / "sunk.jsonl").read_text().splitlines()]
     sunk.sort(key=lambda row: row[2])
@@ -409,7 +409,8 @@ def test_in_a_dataflow_of_doras_daemon_each_input_has_one_output(tmp_path: Path)
         pytest.skip("no package dora-rs-cli")
     by = ["west" if seq in (0, 3, 6) else "local" for seq in range(12)]
     expected = [["output", [f"{seq} by {who}"], seq, who] for seq, who in enumerate(by)]
-    # Dora itself loses some values while nodes start on a busy host: one run of five is whole.
+    # Dora itself loses some values while nodes start on a busy host, so one whole run of five is
+    # enough.
     runs = (sunk_in_a_dataflow(dora, tmp_path / str(attempt)) for attempt in range(5))
     incomplete = []
     for sunk in runs:
@@ -422,7 +423,7 @@ def test_in_a_dataflow_of_doras_daemon_each_input_has_one_output(tmp_path: Path)
 def main_of(
     monkeypatch: pytest.MonkeyPatch, *options: str, node: Any = None
 ) -> tuple[int | str | None, QueuedNode]:
-    """The program with dora's package replaced; how it ended, and its node."""
+    """Runs the program with dora's package replaced. Returns how it ended, and its node."""
     node = QueuedNode([frame(0), {"type": "INPUT_CLOSED", "id": "input"}]) if node is None else node
     monkeypatch.setitem(sys.modules, "dora", SimpleNamespace(Node=lambda: node))
     monkeypatch.setattr(sys, "argv", ["fuseline.dora", *options])

@@ -1,4 +1,4 @@
-"""Rows of fleets: what they say, that they say it of every file, and what is asked of them."""
+"""Tests the rows of fleets: their contents, that every file has some, and the queries over them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fuseline.fleet import spark as on_spark
 from fuseline.fleet.__main__ import main as page_program
 
 COMMAND = os.environ.get("FUSELINE_COMMAND")
-#: A trace with a violation, of the greatest timestamp.
+#: A trace with a violation at the greatest timestamp.
 FAR = b"""{"fuseline":1,"window":1,"clouds":[]}
 {"ev":"open","at":0,"t":18446744073709551615}
 {"ev":"miss","at":0,"t":18446744073709551615}
@@ -37,7 +37,7 @@ CHAPTER = Path(__file__).parents[3] / "docs/book/src/use/python.md"
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six drives, one of which breaks a rule, and one that cannot be read."""
+    """Writes six drives, one of which breaks a rule, and a file that cannot be read."""
     folder = tmp_path_factory.mktemp("logs")
     for seed in range(6):
         (folder / f"drive-{seed}.jsonl").write_bytes(drive(seed, 300))
@@ -48,7 +48,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def rows(logs: Path) -> Path:
-    """Their rows in Parquet."""
+    """Writes the rows of the logs as Parquet."""
     path = logs / "rows.parquet"
     pq.write_table(fleet.judge_all(sorted(logs.glob("*.jsonl"))), path)
     return path
@@ -142,7 +142,7 @@ def test_under_progressive_a_message_counts_once_by_its_last_output() -> None:
     fusion.result(5000, 0, 2)
     fusion.result(5000, 1, 1)
     trace = fusion.header.encode() + b"\n" + fusion.take_trace().partition(b"\n")[2]
-    # The third is open at the end.
+    # The third message is open at the end.
     (own, *_) = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(trace))
     assert [(it.p, it.items) for it in own.outputs or []] == [(0, 1), (1, 1), (2, 1)]
     assert (own.messages, own.conforms) == (3, True)
@@ -279,7 +279,7 @@ def test_the_summaries_say_what_is_in_the_rows(logs: Path, rows: Path) -> None:
 
 
 def ask(rows: Path) -> dict[str, list[dict[str, Any]]]:
-    """The answers, a dict for each row."""
+    """Returns the answers, with a dict for each row."""
     with duckdb.connect() as engine:
         engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{rows}'")
         engine.execute(fleet.FLATTEN["duckdb"])
@@ -353,7 +353,7 @@ def test_a_page_of_nothing_is_refused(tmp_path: Path) -> None:
 
 
 class PlayedRay:
-    """Stands for Ray's data sets: files in blocks, each judged by a task."""
+    """Stands in for Ray's data sets, with files in blocks that tasks judge."""
 
     def __init__(self) -> None:
         self.blocks = 0
@@ -397,7 +397,7 @@ def test_ray_is_given_the_files_in_tasks_and_its_own_options(
 
 
 class PlayedSpark:
-    """Stands for a session of Spark and its frames."""
+    """Stands in for a session of Spark and its frames."""
 
     def __init__(self) -> None:
         self.sparkContext = self
@@ -490,7 +490,7 @@ def test_a_violation_of_an_observed_trace_is_late_by_so_many_seconds() -> None:
 
 
 def test_violations_without_a_row_are_counted() -> None:
-    """More than 100 in a trace."""
+    """A trace has more than 100 violations, and the rest are counted."""
     opens = b"".join(b'{"ev":"open","at":%d,"t":%d}\n' % (at, at) for at in range(1, 131))
     lines = b'{"fuseline":1,"window":1,"clouds":[]}\n' + opens
     own, *found = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(lines))

@@ -1,4 +1,4 @@
-"""The page of a fleet: each figure, class, curve and bar, against an account of the same rows."""
+"""Compares each figure, class, curve and bar of a fleet's page with sums of the rows."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ MS = {"p50": "median", "p90": "90 %", "p99": "99 %", "greatest": "greatest", "la
 
 
 class PageElement:
-    """An element of a page, with what it contains."""
+    """Holds an element of a page and its contents."""
 
     def __init__(self, tag: str, attributes: dict[str, str | None]) -> None:
         self.tag, self.attributes = tag, attributes
-        #: Texts among them.
+        #: The contents: elements and texts.
         self.parts: list[PageElement | str] = []
 
     @property
@@ -84,7 +84,7 @@ class PageReader(HTMLParser):
 
 
 def drawn(chance: random.Random, drives: int, sources: int = 4) -> list[Row]:
-    """A fleet: some traces cannot be read, some break rules, some have no output."""
+    """Returns a fleet in which some traces cannot be read, break rules or have no output."""
     names = ["local", "west", "<east>", "a cloud of a long name & number", *map(str, range(20))]
     rows = []
     for drive in range(drives):
@@ -120,7 +120,7 @@ def drawn(chance: random.Random, drives: int, sources: int = 4) -> list[Row]:
 
 
 def alone(*outputs: Output, judge: str = "digest", manner: str = "strict") -> Row:
-    """A drive of one trace that conforms."""
+    """Returns the row of a drive with one trace, which conforms."""
     whole = ("a.jsonl", "a", "lanes", True, manner, judge, None)
     return Row(*whole, 1, 4, 360.0, 2, 0, 0, list(outputs), 0)
 
@@ -251,7 +251,7 @@ def assert_tables(page: PageReader, rows: list[Row], own: list[Row]) -> None:
 
 
 def shares(outputs: list[tuple[tuple[Any, ...], Output]], key: int) -> list[tuple[Any, ...]]:
-    """For each group its items, their share of all of its first ``key`` columns, and quantiles."""
+    """Returns each group's items, their share by the first ``key`` columns, and quantiles."""
     took: dict[tuple[Any, ...], list[float]] = defaultdict(list)
     for group, it in outputs:
         took[group] += [it.seconds] * it.items
@@ -284,7 +284,7 @@ def shown(
 
 
 def cell(it: PageElement) -> Cell:
-    """Its class and its text; what is unknown is dimmed."""
+    """Returns a cell's class and text. Unknown values must be dimmed."""
     for child in it.children:
         assert (child.tag, child.attributes["class"], child.text) == ("span", "dim", "–")
     return it.attributes.get("class"), it.text
@@ -306,7 +306,7 @@ def labels(svg: PageElement, anchor: str | None) -> list[tuple[float, float, str
 
 
 def curves(page: PageReader, outputs: list[Output]) -> None:
-    """Read off by ticks and levels: each point is the share of a source's outputs until then."""
+    """Reads points off the ticks, and checks that each is the share of outputs until then."""
     svg = page.section("Which share of a source's outputs took at most how long")
     if not outputs:
         assert svg is None
@@ -353,7 +353,7 @@ def curves(page: PageReader, outputs: list[Output]) -> None:
 
 
 def bars(page: PageReader, own: list[Row]) -> None:
-    """Each bar is as high as many drives there are, above its share."""
+    """Checks that each bar is as high as the number of drives with its share."""
     svg = page.section("How many drives had which share of their outputs from on board")
     items: dict[str, Counter[bool]] = defaultdict(Counter)
     for row in own:

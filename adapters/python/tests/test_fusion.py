@@ -1,4 +1,4 @@
-"""The machine: its answers, what it takes and what it refuses to be."""
+"""Tests the machine: its answers, and the arguments and configurations that it refuses."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_each_refusal_and_drop_has_its_reason() -> None:
     assert fusion.offer(0, 5, 1, ns(10)) == ((), Refused(OfferRefusal.DUPLICATE))
     fusion.result(0, 5, 0)
     assert fusion.result(0, 5, 0) == ((), Dropped(DropReason.DUPLICATE))
-    # A18: any number is a priority that may be unknown.
+    # Any number is a legal priority, though perhaps an unknown one (A18).
     assert fusion.result(0, 5, END) == ((), Dropped(DropReason.UNKNOWN))
 
 

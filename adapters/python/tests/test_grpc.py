@@ -1,4 +1,4 @@
-"""Clouds over gRPC, in both directions and with the command of Rust at the other end."""
+"""Tests clouds over gRPC in both directions, also with the Rust command at the other end."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def run(main: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
 
 
 class Certificates:
-    """A CA, the server's and a client's certificate, and another CA that nobody trusts."""
+    """Holds a CA, a server's and a client's certificate, and another CA that nobody trusts."""
 
     def __init__(self) -> None:
         self._ca, self._other = trustme.CA(), trustme.CA()
@@ -58,7 +58,7 @@ def certificates() -> Certificates:
 
 @contextmanager
 def serving(command: str, *arguments: str) -> Iterator[str]:
-    """The command's own cloud; gives its URL."""
+    """Runs the command's own cloud. Yields its URL."""
     words = [command, "serve", "--listen", "127.0.0.1:0", *arguments]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -84,7 +84,8 @@ def test_a_payload_goes_there_and_back_with_its_timestamp() -> None:
 
     run(main)
     assert [it.timestamp for it in seen] == [7, 7, 7, 2**64 - 1]
-    # The deadline travels, of which gRPC rounds the third digit up; without one there is none.
+    # The deadline travels with the call, and gRPC rounds its third digit up. A call without one has
+    # none.
     assert DAY - 60 < seen[0].deadline < 1.01 * DAY
     assert seen[3].deadline == float("inf")
 
@@ -215,7 +216,7 @@ def test_a_server_that_is_away_describes_nothing_and_a_connection_is_ended() -> 
             channel = remote._channel
         assert remote._channel is None
         assert channel.get_state() is grpc.ChannelConnectivity.SHUTDOWN
-        # It connects again when it is used again.
+        # The remote connects again when it is used again.
         assert await remote.infer(b"x", call()) == b"X"
         await server.stop()
         await server.stop()
@@ -360,7 +361,7 @@ def test_an_address_that_is_taken_is_reported(certificates: Certificates) -> Non
             address = f"127.0.0.1:{taken.getsockname()[1]}"
             with pytest.raises(OSError, match=f"{address} cannot be listened on"):
                 await Server(upper, address).start()
-            # It is not the certificate's fault.
+            # The error must name the address, not the certificate.
             with pytest.raises(OSError, match=f"{address} cannot be listened on"):
                 await Server(upper, address, identity=certificates.server).start()
         async with Server(upper) as server:
@@ -463,7 +464,7 @@ def test_rust_serves_an_operator_of_python(
 def test_python_serves_an_operator_of_rust(
     command: str, tmp_path: Path, certificates: Certificates
 ) -> None:
-    """`fuseline run` with a cloud in Python, over mutual TLS and with a token."""
+    """Runs `fuseline run` with a cloud in Python, over mutual TLS and with a token."""
     left: list[float] = []
 
     async def infer(payload: bytes, call: Call) -> bytes:

@@ -1,4 +1,4 @@
-"""Threads and loops: what a program around an operator may do, and what is reported to it."""
+"""Tests what threads and loops around an operator may do, and what is reported to them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def once(deadline: float) -> Any:
 
 
 def in_thread(work: Any) -> Any:
-    """Returns what a function raises or returns in a thread of its own."""
+    """Runs a function in a thread of its own. Returns what it returns or raises."""
     ended: Future[Any] = Future()
 
     def run() -> None:
@@ -84,7 +84,7 @@ def test_a_message_from_another_thread_that_is_not_taken_is_counted(
         with pytest.raises(fuseline.ConfigError, match="has not started"):
             operator.write_threadsafe(0)
         async with operator:
-            # The loop has no turn meanwhile: two are on their way, no more.
+            # The loop gets no turn here, so two messages are on their way and no more fit.
             two = [operator.write_threadsafe(n) for n in range(2)]
             with pytest.raises(Full, match="on their way"):
                 operator.write_threadsafe(2)
@@ -200,7 +200,7 @@ def test_local_has_a_deadline_of_a_second_unless_it_is_given() -> None:
 def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """One of several hangs; others answer, and the last thread ends with its computation."""
+    """One of several threads hangs, others answer, and it ends with its computation."""
     release = threading.Event()
 
     def make() -> Any:
@@ -215,7 +215,7 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
         operator: Operator[int, str] = Operator(local, window=16)
         async with operator:
             items: list[Item[str]] = []
-            # On a busy host others may be late, but not forever.
+            # On a busy host later messages may be late too, but not all of them.
             while len(items) < 100 and (not items or items[-1].ending is Ending.MISSED):
                 operator.write(len(items))
                 items.append(await operator.__anext__())
@@ -225,7 +225,7 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
     items, counts = asyncio.run(main(Local.threads_of(make, deadline=0.2)))
     assert items[0].value is None and items[-1].value == f"{len(items) - 1} on board"
     assert "another worker replaces it" in caplog.text
-    # One function for all computations may have state: it does not run beside its hung self.
+    # A single function may keep state, so it does not run again while it hangs.
     release.clear()
     items, counts = asyncio.run(main(Local.threads(make(), deadline=0.02)))
     assert [item.ending for item in items] == [Ending.MISSED] * 100

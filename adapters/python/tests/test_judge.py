@@ -1,4 +1,4 @@
-"""Judging, reading and replaying traces from wherever they come."""
+"""Tests judging, reading and replaying traces from every kind of source."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LATE = GOOD.replace(b"499", b"500")
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.stem)
 def test_the_corpus_conforms_and_replays(path: Path) -> None:
-    # Of two of them nothing is judged.
+    # In two of the traces, nothing is judged.
     assert check(path, accept=["unjudged"]).conforms
     inputs = b"".join(path.read_bytes().splitlines(keepends=True))
     assert replay(path) == replay(inputs)
@@ -86,7 +86,7 @@ def test_bytes_paths_files_and_lines_are_one_trace(tmp_path: Path) -> None:
             LATE.splitlines(),
             LATE.decode().splitlines(),
             (line for line in LATE.splitlines()),
-            # Whatever pieces it comes in, as long as the first ends a line.
+            # Any pieces are accepted, as long as the first one ends a line.
             [HEADER, LATE[len(HEADER) : 80], LATE[80:]],
         ]
         for trace in traces:
@@ -129,7 +129,7 @@ def test_a_page_is_the_commands_page_to_the_byte(
     verdicts = report(*traces, page=page, **slack)
     assert verdicts == _each(traces, slack)
     assert [not verdict.violations for verdict in verdicts] == [True, observed]
-    # So loosely nothing is certain.
+    # With such a tolerance nothing is certain.
     assert done.returncode == (3 if observed else 1)
     assert page.read_bytes() == (tmp_path / "theirs.html").read_bytes()
     named = report(BAD[0].read_bytes(), page=page, names=["of <script>"])
@@ -155,7 +155,7 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert page.read_text() == "before"
     with pytest.raises(OSError):
         report(GOOD, page=tmp_path / "nowhere" / "page.html")
-    # A disk that has no room for it.
+    # The disk has no room for the page.
     program = """
 import resource, signal, sys, fuseline
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -226,7 +226,7 @@ def test_an_observed_trace_is_judged_within_its_tolerance() -> None:
 
 
 def test_other_threads_run_while_a_trace_is_judged() -> None:
-    """The judge waits for a pipe that another thread of Python fills meanwhile."""
+    """The judge waits for a pipe that another Python thread fills."""
     read, write = os.pipe()
 
     def fill() -> None:
@@ -242,7 +242,7 @@ def test_other_threads_run_while_a_trace_is_judged() -> None:
 
 
 def test_ctrl_c_ends_judging() -> None:
-    """A trace without an end, in a process of its own."""
+    """Judges a trace without an end in a process of its own."""
     endless = """
 import fuseline, itertools, os, signal, sys
 header = '{"fuseline":1,"window":16,"clouds":[]}'

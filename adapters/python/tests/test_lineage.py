@@ -46,7 +46,7 @@ def test_the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is(
     traces = [tmp_path / "detector.jsonl", tmp_path / "tracker.jsonl"]
 
     async def detect(frame: str, t: int) -> str:
-        # The first takes longer than the second.
+        # The first frame takes longer than the second.
         await asyncio.sleep((0.06, 0.01, 0.02)[t])
         return f"boxes of {frame}"
 
@@ -89,13 +89,13 @@ def test_the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is(
     for path in traces:
         assert not check(path).violations
         assert fuseline.replay(path) == path.read_bytes()
-    # D8: nothing is left of messages that were answered.
+    # Messages that were answered leave nothing behind (D8).
     first = next(it for it in Trace(traces[0]).lines if it.ev == "open")
     assert (first.origin, first.of, first.attempt) == ("camera/front", None, None)
 
 
 def test_value_for_another_message_is_a_failure(run: Run[Any], tmp_path: Path) -> None:
-    """D18."""
+    """A value that is meant for another message is a failure (D18)."""
     path = tmp_path / "trace.jsonl"
 
     async def policy(message: int, call: Call) -> int:

@@ -1,4 +1,4 @@
-"""The operator on loops that keep real time, with threads, processes and a disk that is full."""
+"""Tests the operator on loops in real time, with threads, processes and a full disk."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_random_load_in_real_time_conforms(make: Make, tmp_path: Path) -> None:
     verdict = check(trace)
     assert not verdict.violations, str(verdict)
     assert fuseline.replay(trace) == trace.read_bytes()
-    # Recorded instants are the operator's own: only timers may be late.
+    # Recorded instants come from the operator's own clock, so only timers may be late.
     observed = check_observed(trace, tolerance=0, lateness=5.0)
     assert not observed.violations, str(observed)
 
@@ -139,7 +139,7 @@ def test_a_process_that_dies_costs_its_own_message_alone(caplog: pytest.LogCaptu
             os.kill(first, signal.SIGKILL)
             operator.write("b")
             lost = await anext(operator)
-            # That it died may be noticed before the message is sent to it, or with it.
+            # The process's death may be noticed before or while the message is sent to it.
             if lost.ending is Ending.MISSED:
                 assert lost.failures[0].source.name == "local"
                 assert "died with code -9" in lost.failures[0].why
@@ -190,7 +190,7 @@ def test_a_disk_that_fills_is_reported_and_the_operator_goes_on(tmp_path: Path) 
         "ERROR the trace ends here, because it cannot be written; the operator continues (why="
         in ended.stderr
     )
-    # D10: it ends with a whole input.
+    # The trace ends with a whole input (D10).
     assert 0 < trace.stat().st_size <= 4096
     assert trace.read_bytes().endswith(b"\n")
     fuseline.replay(trace)

@@ -1,4 +1,4 @@
-"""Messages: encoded once for several clouds, carried by items; logs of clouds that are gone."""
+"""Tests shared encodings, items that carry their messages, and logs of clouds that are gone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from operator_support import MS, after, ask, items_of, local_after
 
 
 class Encoder:
-    """Counts what it encodes; its method is another object each time."""
+    """Counts what it encodes. Its bound method is a new object each time."""
 
     def __init__(self) -> None:
         self.encoded: list[Any] = []
@@ -43,7 +43,7 @@ def test_a_message_of_two_clouds_is_encoded_once() -> None:
         operator: Operator[str, str] = Operator(local_after(0.05), commit="patient")
         operator.use_cloud(west, ask(5.0), str, 2, encode=jpeg.encode)
         operator.use_cloud(east, ask(5.0), str, 1, encode=jpeg.encode)
-        # Another request of the same message, and another encoder, are no part of it.
+        # Another request for the same message, and another encoder, do not share the encoding.
         operator.use_cloud(west, lambda it, t: (it + "!", 5.0), str, 3, encode=jpeg.encode)
         operator.use_cloud(west, ask(5.0), str, 4, encode=other.encode)
         return await items_of(operator, ["frame", "broken"])
@@ -76,7 +76,7 @@ def test_a_call_that_is_aborted_does_not_end_an_encoding_that_another_waits_for(
             return "local's"
 
         operator: Operator[str, str] = Operator(Local.task(local, deadline=10.0), commit="patient")
-        # Its timer fires while the encoding goes on.
+        # The request's timer fires while it is being encoded.
         operator.use_cloud(echo, ask(0.02), str, 1, encode=jpeg.encode)
         operator.use_cloud(echo, ask(10.0), str, 2, encode=jpeg.encode)
         return await items_of(operator, ["frame"])

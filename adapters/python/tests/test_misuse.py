@@ -1,4 +1,4 @@
-"""Cases of misuse: what is given. Each is refused with the remedy, or reported."""
+"""Tests misuse of arguments. Each case is refused with the remedy, or reported."""
 
 from __future__ import annotations
 

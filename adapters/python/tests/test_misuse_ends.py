@@ -1,4 +1,4 @@
-"""Cases of misuse: traces, processes, encoders and the end of a program. As of test_misuse.py."""
+"""Tests misuse of traces, processes, encoders and a program's end. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from misuse import ask, echo, misuse, on_board, operator_of, refused
 
 
 def ended(code: str, *arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    """A program of its own, once it has ended."""
+    """Runs a program in a process of its own. Returns how it ended."""
     return subprocess.run(
         [sys.executable, "-c", code, *arguments],
         capture_output=True,
@@ -43,7 +43,7 @@ def test_one_trace_twice(tmp_path: Path, link: bool) -> None:
                 await operator_of(trace=other if link else trace).start()
             operator.feed(range(50))
             assert len([item async for item in operator]) == 50
-        # Once it has ended, another may overwrite it.
+        # Once the operator has ended, another one may overwrite its trace.
         async with operator_of(trace=trace) as operator:
             operator.write(1)
             await operator.read()
@@ -213,7 +213,7 @@ def test_lambda_for_a_process() -> None:
 
 
 class Unpicklable(Exception):
-    """Takes another number of arguments than it keeps."""
+    """Takes more arguments than it stores, so it cannot be unpickled."""
 
     def __init__(self, first: str, second: str) -> None:
         super().__init__(first + second)

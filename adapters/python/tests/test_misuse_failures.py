@@ -1,4 +1,4 @@
-"""Cases of misuse: what user code raises and returns. As of test_misuse.py."""
+"""Tests misuse in what user code raises and returns. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from operator_support import after
 
 
 class Unreadable(Exception):
-    """Looks for its text where there is none."""
+    """Fails to return its text, because it has none."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class Surrogate(Exception):
-    """Has bytes of a file's name in its text that are not UTF-8."""
+    """Has a text with bytes of a file's name that are not UTF-8."""
 
     def __init__(self) -> None:
         super().__init__(b"frame-\xff.jpg".decode("utf-8", "surrogateescape"))
 
 
 class NoString(Exception):
-    """Returns what is not a string."""
+    """Returns a text that is not a string."""
 
     def __str__(self) -> str:
         return 7  # type: ignore[return-value]
@@ -43,7 +43,7 @@ TEXTS = {
 
 
 def only_local(run: Run[Any], local: Any, of: str = "abc") -> tuple[list[Item[Any]], Counts]:
-    """A message of each letter, computed by local alone, one after the other."""
+    """Plays a message for each letter, one after the other, with local alone."""
 
     async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counts]:
         operator: Operator[str, Any] = Operator(local, clock=loop.time_ns)
@@ -116,7 +116,7 @@ def test_side_error_without_text(run: Run[Any], caplog: pytest.LogCaptureFixture
 
 
 class BadFilter(logging.Filter):
-    """Raises, as one for another logger does that looks for a field of its own."""
+    """Raises, as a filter does that looks for a field that these records lack."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         raise AttributeError("no robot_id")

@@ -1,4 +1,4 @@
-"""Cases of misuse: remote policies and control loops. As of test_misuse.py."""
+"""Tests misuse of remote policies and control loops. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHUNK = Chunk(every=2, max_age=4, within=5.0)
 
 
 def server(reply: Callable[[Any], Any]) -> Any:
-    """A class of connections that reply so."""
+    """Returns a class of connections whose replies `reply` makes."""
 
     class Server:
         def infer(self, observation: Any) -> Any:
@@ -39,7 +39,7 @@ def refuses(*_: Any) -> Any:
 
 
 def ticks(policy: Always, until: Callable[[], bool], most: float = 5.0) -> list[Any]:
-    """Actions of ticks, until this holds."""
+    """Returns the actions of ticks until `until` returns True."""
     end = time.monotonic() + most
     actions: list[Any] = []
     while not until() and time.monotonic() < end:
@@ -352,7 +352,7 @@ def test_slow_policy_on_board() -> None:
 )
 @misuse("gives a policy on board without an action at the first tick", "`RuntimeError`: why")
 def test_no_action_on_board(on_board: Any, words: str) -> None:
-    # On a busy host another policy takes as long, too.
+    # On a busy host the other policies may also take longer than 10 ms.
     deadline = 0.01 if "longer" in words else 5.0
     with (
         Always(refuses, on_board, deadline=deadline) as policy,
@@ -363,7 +363,7 @@ def test_no_action_on_board(on_board: Any, words: str) -> None:
 
 
 class Module:
-    """As one of PyTorch's: called, it computes something else."""
+    """Computes something else when it is called, as a PyTorch module does."""
 
     def __call__(self, observation: Any) -> str:
         return "forward"
@@ -594,7 +594,7 @@ def test_stall_longer_than_a_chunk(caplog: pytest.LogCaptureFixture) -> None:
     with Always(answers, Hold([0.0]), period=2.0, deadline=2.0, chunk=chunk) as policy:
         ticks(policy, lambda: policy.infer([0.0]) == [0.5])
         assert policy._rate is not None and policy._plan is not None
-        # As if the tick before had been `periods` ago.
+        # This plays a previous tick that was `periods` ago.
         for periods, is_old in ((41, False), (41.5, True)):
             now = time.monotonic()
             policy._rate._before = now

@@ -1,4 +1,4 @@
-"""Cases of misuse: threads, lifetimes, blocked loops and lost values. As of test_misuse.py."""
+"""Tests misuse of threads, lifetimes, loops and values. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from misuse import Counts, ask, echo, elsewhere, misuse, operator_of, played, re
 
 
 class Idle:
-    """A remote policy that always answers 0."""
+    """Answers 0 to everything, as a remote policy."""
 
     def infer(self, observation: Any) -> float:
         return 0.0

@@ -1,4 +1,4 @@
-"""Cases of misuse: what an operator is made of, and where it runs. As of test_misuse.py."""
+"""Tests misuse in an operator's parts and in where it runs. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_trace_that_would_overwrite(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="would overwrite a file that is none"):
         asyncio.run(main(file))
     assert file.read_bytes() == b"\x00 no trace"
-    # An empty file, and an earlier trace, are written again.
+    # An empty file and an earlier trace are overwritten.
     trace = tmp_path / "run.jsonl"
     trace.touch()
     for _ in range(2):

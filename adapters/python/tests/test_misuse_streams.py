@@ -1,4 +1,4 @@
-"""Cases of misuse: streams of messages, readers and threads. As of test_misuse.py."""
+"""Tests misuse of streams of messages, readers and threads. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ async def _all(items: Items[Any]) -> None:
 
 
 class Ends(BaseException):
-    """Neither an `Exception` nor what ends a program."""
+    """Is neither an `Exception` nor an exception that ends a program."""
 
 
 def cancelled() -> Any:
@@ -348,7 +348,7 @@ def test_read_that_is_interrupted() -> None:
         with BlockingOperator(Operator(Local.threads(slow, deadline=30.0))) as operator:
             for message in range(20):
                 operator.write(message)
-                # Early, late, and just when the item comes.
+                # The interrupt comes early, late, or just when the item comes.
                 signal.setitimer(signal.ITIMER_REAL, 0.045 + message * 0.0005)
                 with contextlib.suppress(Watchdog):
                     item = operator.read()

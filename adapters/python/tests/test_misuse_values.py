@@ -1,4 +1,4 @@
-"""Cases of misuse: values, messages, lineages and names. As of test_misuse.py."""
+"""Tests misuse of values, messages, lineages and names. See test_misuse.py."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ BUFFERS = [
 
 
 def first_of(message: Any) -> int:
-    """The number in a buffer."""
+    """Returns the first number in a buffer."""
     while not isinstance(message, (int, float, numpy.generic)):
         if isinstance(message, (Frame, SimpleNamespace)):
             message = message.image

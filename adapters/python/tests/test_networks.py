@@ -1,4 +1,4 @@
-"""Recorded networks before calls and before servers, and rival policies."""
+"""Tests recorded networks in front of calls and servers, and rival policies."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def test_rival_policies_over_a_trace(run: Run[Any], tmp_path: Path) -> None:
     run(main)
     scores = compare(trace, deadline=0.5, accuracies={"local": 40.0, "west": 50.0})
     by_name = {it.policy: it for it in scores}
-    # The second call was ended at its deadline: its result came later.
+    # The second call was ended at its deadline, because its result would have come later.
     assert by_name["fusion"].in_time == (2, 2)
     assert by_name["fusion"].accuracy == (45.0, 45.0)
     assert by_name["local only"].accuracy == (40.0, 40.0)
@@ -218,7 +218,7 @@ def test_rival_policies_over_a_trace(run: Run[Any], tmp_path: Path) -> None:
 
 @contextmanager
 def forwarding(*args: str) -> Iterator[str]:
-    """The command's forwarder, and where it listens."""
+    """Runs the command's forwarder. Yields the address at which it listens."""
     with subprocess.Popen(
         [os.environ["FUSELINE_COMMAND"], "serve", "--listen", "127.0.0.1:0", *args],
         stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""The asyncio operator, in virtual time: which result goes, and when."""
+"""Tests in virtual time which result the asyncio operator sends, and when."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
         async with operator:
             operator.write("a")
             item = await anext(operator)
-            # The operator goes on: it is not its end that ends the calls.
+            # The operator continues, so its end is not what ends the calls.
             await asyncio.sleep(1)
             return [item]
 
     (item,) = run(main)
-    # The first timer commits under eager, and what is still pending is cancelled with it.
+    # Under eager the first timer commits, and the pending requests are cancelled with it.
     assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
 
 
@@ -88,7 +88,8 @@ def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any])
 
     items = run(main)
     seen = [(item.timestamp, item.revision, item.value, item.last) for item in items]
-    # What was read before is not given again; what was not comes with the last item.
+    # A value that was read is not returned again. A value that was not read comes with the last
+    # item.
     assert seen == [
         (0, 0, "a on board", False),
         (1, 1, "b of west", True),
@@ -122,7 +123,7 @@ def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
         (1, 1, forwarded, "b of west"),
         (0, 2, forwarded, "a of west"),
     ]
-    # The other reader's item is as it was.
+    # The other reader's item is unchanged.
     assert [it.revision for it in every] == [0, 0, 1, 1, 2]
     assert (every[-1].ending, every[-1].value) == (final, None)
 
@@ -195,7 +196,7 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
         async with operator:
             operator.write("a")
             assert (await anext(operator)).ending is Ending.MISSED
-            # The loop's time stands still meanwhile; the disk has its own thread.
+            # The loop's time stands still here, but the disk has its own thread.
             for _ in range(10_000):
                 if b'"miss"' in trace.read_bytes():
                     return

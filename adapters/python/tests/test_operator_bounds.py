@@ -1,4 +1,4 @@
-"""The asyncio operator, in virtual time: failures, queues, windows and places."""
+"""Tests the asyncio operator's failures, queues, windows and places in virtual time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The asyncio operator, in virtual time: how it ends, and what it leaves."""
+"""Tests in virtual time how the asyncio operator ends, and what it leaves behind."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from operator_support import MS, after, ask, local_after, stubborn
 def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
     run: Run[Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, where: str, first: int
 ) -> None:
-    """D6, D10."""
+    """A stop in a handler ends calls and items, and leaves the trace complete (D6, D10)."""
     trace = tmp_path / "trace.jsonl"
     calls: Counter[str] = Counter()
 
@@ -193,7 +193,7 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
     assert sorted(ended) == ["a", "b"]
     verdict = check(trace)
     assert not verdict.violations
-    # The last one says that the run is over (A44).
+    # The last line says that the run is over (A44).
     assert (verdict.lines, list(Trace(trace).lines)[-1].ev) == (8, "tick")
 
 
@@ -237,7 +237,7 @@ def test_calls_that_will_not_end_cost_no_other_call(run: Run[Any]) -> None:
 def test_calls_that_will_not_end_are_bounded(
     run: Run[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """D8: beyond the bound a request fails at once, and local's result goes."""
+    """Beyond the bound a request fails at once, and local's result is sent (D8)."""
     monkeypatch.setattr("fuseline._drive.OVERDUE_TASKS", 4)
     count = [99, 0]
 
@@ -323,7 +323,7 @@ def test_a_lost_computation_gives_its_place_back(
 
 
 def test_a_trace_is_whole_however_long(run: Run[Any], tmp_path: Path) -> None:
-    """D10."""
+    """A trace is complete, however long it is (D10)."""
     trace = tmp_path / "trace.jsonl"
 
     async def main(loop: VirtualLoop) -> None:

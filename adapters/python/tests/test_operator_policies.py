@@ -1,4 +1,4 @@
-"""The asyncio operator, in virtual time: counts, policies, random load and configuration."""
+"""Tests the asyncio operator's counts, policies, load and configuration in virtual time."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> No
 
 def test_refuses_policy_without_probes_or_linger() -> None:
     class OwnExpected(Expected):
-        """May decide otherwise."""
+        """Might override the decision."""
 
     accuracy = Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01)
     expected, own = Expected(accuracy, 0.05, None), OwnExpected(accuracy, 0.05, None)
@@ -315,7 +315,7 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
     finally:
         logging.getLogger("fuseline").setLevel(logging.NOTSET)
     assert sorted(item.timestamp for item in items if item.last) == list(range(messages))
-    # D2: each item bears the value of its own message, by the source that the trace names.
+    # Each item has the value of its own message, from the source that the trace names (D2).
     lines = fuseline.Trace(trace).lines
     emitted = {(line.t, line.at, line.p) for line in lines if line.ev == "emit"}
     best = {line.t: line.p for line in lines if line.ev == "emit"}
@@ -328,7 +328,7 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
         if item.ending is Ending.FINAL:
             assert (item.value, sent[item.timestamp]) == (None, source)
         else:
-            # D1: items rise.
+            # Each item of a message outranks the one before (D1).
             assert sent.get(item.timestamp, -1) < source
             left = item.arrived if commit == "progressive" else item.decided
             assert (item.timestamp, left, source) in emitted

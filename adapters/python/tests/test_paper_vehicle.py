@@ -1,4 +1,4 @@
-"""The paper's vehicle: whatever one part dies, control has an output at each of its ticks."""
+"""Tests that the paper's vehicle has a control output at each tick, whichever part dies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def each_killed() -> str:
 
 
 def test_control_outputs_at_each_tick_whatever_dies(each_killed: str) -> None:
-    """E1, E2, E4, E5."""
+    """Control has an output at each of its ticks, whichever part dies (E1, E2, E4, E5)."""
     drives = COMMANDS.findall(each_killed)
     assert len(drives) == 60
     for rule, commands, ticks, slowest in drives:
@@ -37,7 +37,7 @@ def test_control_outputs_at_each_tick_whatever_dies(each_killed: str) -> None:
 
 
 def test_same_lines_as_in_rust(each_killed: str) -> None:
-    """And the table of the chapter, which a test in Rust holds to the vehicle in Rust, too."""
+    """The lines match the chapter's table, which a Rust test compares with the Rust vehicle."""
     printed = vehicle()
     rows = [line for line in printed.splitlines() if line.startswith("| ")]
     assert len(rows) == 7
@@ -51,7 +51,7 @@ def test_same_lines_as_in_rust(each_killed: str) -> None:
 
 
 def test_one_frame_is_answered_in_order(tmp_path: Path) -> None:
-    """E2."""
+    """One frame's operators are answered in order and in time (E2)."""
     printed = vehicle("--seconds", "20", "--frame", "31", "--traces", str(tmp_path))
     life = re.findall(r"frame 31: (\w+) +from +(\d+) to +(\d+) ms", printed)
     names = ["detection", "tracking", "prediction", "planning", "control"]

@@ -1,4 +1,4 @@
-"""Tests what is between operators: joins, budgets, order, substitutes, states, side requests."""
+"""Tests the parts between operators: joins, budgets, order, substitutes and states."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ async def hang(*_: object) -> Any:
 
 
 def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run: Run[Any]) -> None:
-    """E5, E6."""
+    """A set is given when it is complete or due, and it names the missing inputs (E5, E6)."""
     drops: list[JoinDrop] = []
 
     async def main(loop: VirtualLoop) -> None:
@@ -93,7 +93,7 @@ def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run:
 
 
 def test_sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones(run: Run[Any]) -> None:
-    """E7: control is as old as the frame behind its plan; without a plan it is of the tick."""
+    """Control is as old as the frame behind its plan, or else belongs to the tick (E7)."""
 
     async def main(loop: VirtualLoop) -> None:
         join = Join(clock=loop.time_ns)
@@ -118,7 +118,7 @@ def test_sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones(run: 
 
 
 def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run: Run[Any]) -> None:
-    """E5, E7."""
+    """A set has its oldest message's age and its most urgent message's deadline (E5, E7)."""
 
     async def main(loop: VirtualLoop) -> None:
         reserve = [Latency.stated(30 * MS), Latency.stated(10 * MS)]
@@ -142,7 +142,7 @@ def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run:
 
 
 def test_sets_that_wait_are_bounded_and_a_reader_that_lags_takes_no_more(run: Run[Any]) -> None:
-    """E8."""
+    """Waiting sets are bounded, and a join with a lagging reader accepts no more (E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         join = Join(wait=1.0, window=2, output_len=2, clock=loop.time_ns)
@@ -165,7 +165,7 @@ def test_sets_that_wait_are_bounded_and_a_reader_that_lags_takes_no_more(run: Ru
 
 
 def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[Any]) -> None:
-    """E1, E5."""
+    """A join uses the last item of each of an operator's messages (E1, E5)."""
 
     async def local(n: int, t: int) -> str:
         return "local's"
@@ -193,7 +193,7 @@ def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[A
 
 
 def test_a_value_ages_until_it_is_known_to_be_final(run: Run[Any]) -> None:
-    """E7."""
+    """A value ages until it is known to be final (E7)."""
 
     async def local(n: int, t: int) -> str:
         return "local's"
@@ -224,7 +224,7 @@ def _as_it_is(value: StampedValue[str]) -> StampedValue[str]:
 def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
     run: Run[Any],
 ) -> None:
-    """D8, E8."""
+    """Items are joined again once the reader of the sets no longer lags (D8, E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(Local.task(_same), clock=loop.time_ns)
@@ -241,7 +241,7 @@ def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
 
 
 def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any]) -> None:
-    """E2, E3."""
+    """Deadlines end where the reserve of the operators downstream begins (E2, E3)."""
     asked: list[float] = []
 
     async def handle(n: int, call: Call) -> str:
@@ -267,7 +267,7 @@ def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any
             second, third = await operator.read(), await operator.read()
             assert second is not None and second.value == "the cloud's"
             assert third is not None and third.ending is Ending.MISSED
-            # Nothing is gained by an earlier end of local.
+            # An earlier end of local would gain nothing.
             assert loop.time() - begin == pytest.approx(60 * MS)
             operator.stop()
 
@@ -278,7 +278,7 @@ def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any
 def test_a_handler_that_fails_costs_its_item_alone_its_value(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """E4."""
+    """A handler that fails costs only its item's value (E4)."""
 
     async def fail(n: int, t: int) -> str:
         raise RuntimeError("nothing")
@@ -296,7 +296,7 @@ def test_a_handler_that_fails_costs_its_item_alone_its_value(
 
 
 def test_the_state_of_a_result_that_is_sent_is_taken_over(run: Run[Any]) -> None:
-    """E10."""
+    """The state of a result that is sent is taken over (E10)."""
     state = CarriedState(0)
 
     async def local(n: int, t: int) -> int:
@@ -328,7 +328,7 @@ def test_the_state_of_a_result_that_is_sent_is_taken_over(run: Run[Any]) -> None
 def test_items_wait_for_earlier_ones_until_they_are_due_and_what_is_passed_over_is_reported(
     run: Run[Any],
 ) -> None:
-    """E9."""
+    """Items wait for earlier ones until they are due, and passed-over ones are reported (E9)."""
     reports: list[OutOfOrder] = []
 
     async def local(ms: int, t: int) -> int:
@@ -350,7 +350,7 @@ def test_items_wait_for_earlier_ones_until_they_are_due_and_what_is_passed_over_
 def test_readers_share_the_items_and_the_slowest_holds_them_back_until_it_is_gone(
     run: Run[Any],
 ) -> None:
-    """E1, E8."""
+    """Readers share the items, and the slowest delays the others until it is gone (E1, E8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(Local.task(_same), clock=loop.time_ns)
@@ -384,7 +384,7 @@ async def _same(n: int, t: int) -> int:
 def test_a_chain_is_fed_with_its_lineages_and_answers_by_the_end_to_end_deadline(
     run: Run[Any],
 ) -> None:
-    """E1, E2, E4: whatever hangs."""
+    """A chain answers by the end-to-end deadline, whatever hangs (E1, E2, E4)."""
 
     async def main(loop: VirtualLoop) -> list[tuple[int | None, str | None, float]]:
         reserve = [Latency.stated(50 * MS)]

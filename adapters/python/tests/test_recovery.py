@@ -1,4 +1,4 @@
-"""After a disturbance of any kind everything is as before, however long it lasted."""
+"""Tests that everything is as before after a disturbance of any kind and length."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from fuseline.deadline import Chosen, End, Policy, Reason, Situation
 from fuseline.testing import VirtualLoop
 
 MS = 0.001
-#: More than calls and overdue tasks together may be.
+#: More than the greatest number of calls and overdue tasks together.
 MANY = 1100
 
 
 async def disturbed(request: int, call: Call) -> str:
-    """Fail, never answer, be late, and answer, by turns; the first and the last answer."""
+    """Fails, never answers, is late, and answers in turn. The first and the last answer."""
     kind = request % 5 if 0 < request < MANY else 4
     if kind == 0:
         raise OSError("broke")
@@ -60,7 +60,7 @@ def situation(message: int, t: int) -> Situation:
 
 
 async def one(operator: Operator[int, str], loop: VirtualLoop, message: int) -> tuple[Any, ...]:
-    """Returns how a message is answered, and how long that takes."""
+    """Writes a message. Returns how it is answered, and how long that takes."""
     begin = loop.time()
     operator.write(message, Lineage("camera", seq=message))
     item = await anext(operator)
@@ -71,7 +71,7 @@ async def one(operator: Operator[int, str], loop: VirtualLoop, message: int) -> 
 def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
     run: Run[Any], linger: float
 ) -> None:
-    """D6, D7, D8: places, queues and tasks."""
+    """After disturbances of places, queues and tasks, answers are as before (D6, D7, D8)."""
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[int, str] = Operator(
@@ -88,7 +88,7 @@ def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
                     await operator.read()
 
             reading = asyncio.ensure_future(items())
-            # Faster than they can be answered.
+            # The messages come faster than they can be answered.
             for message in range(1, MANY):
                 operator.write(message, Lineage("camera", seq=message))
                 await asyncio.sleep(17 * MS)
@@ -110,8 +110,8 @@ def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
 def test_many_messages_leave_no_objects_behind(
     run: Run[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """D8."""
-    # What is logged is kept by whoever runs the tests.
+    """Many messages leave no objects behind (D8)."""
+    # The test runner keeps all log records, so logging is off.
     monkeypatch.setattr(logging.getLogger("fuseline"), "disabled", True)
 
     async def main(loop: VirtualLoop) -> None:
@@ -135,7 +135,7 @@ def test_many_messages_leave_no_objects_behind(
 
 @pytest.mark.parametrize("output_len", [1, 16])
 def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len: int) -> None:
-    """D8."""
+    """A feed continues when its reader no longer lags (D8)."""
 
     async def main(loop: VirtualLoop) -> list[int]:
         operator: Operator[int, str] = Operator(
@@ -146,7 +146,7 @@ def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len
         async def fed() -> None:
             async with operator:
                 operator.feed(range(100))
-                # What nobody reads yet lets messages in as far as there is room for items.
+                # Without a reader, messages are accepted as long as there is room for their items.
                 await asyncio.sleep(10)
                 assert operator.counts["operator", "message", "accepted"] >= output_len
                 async for item in operator:
@@ -161,7 +161,7 @@ def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len
 
 
 class ApprovingPolicy(Policy):
-    """Notes what is known, and takes what may be taken."""
+    """Records the known speeds, and chooses the greatest deadline."""
 
     def __init__(self) -> None:
         self.speeds: list[Any] = []
@@ -175,7 +175,7 @@ class ApprovingPolicy(Policy):
 
 
 def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> None:
-    """D7."""
+    """After the situation's handler has failed, no speed is known (D7)."""
     noting = ApprovingPolicy()
 
     def at(message: int, t: int) -> Situation:
@@ -198,7 +198,7 @@ def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> N
 
 
 def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) -> None:
-    """D5."""
+    """A call gets the time left, including the time to linger (D5)."""
     deadlines: list[float] = []
 
     async def cloud(request: int, call: Call) -> str:
@@ -220,8 +220,8 @@ def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) ->
 
 
 def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> None:
-    """D9."""
-    # Much further a float of seconds does not tell one nanosecond from the next.
+    """Each timer fires at its own instant, however far away that is (D9)."""
+    # Much further ahead, a float of seconds cannot distinguish single nanoseconds.
     days = [days * 86_400 + 1 for days in (1, 2, 7, 40)]
 
     async def never(request: int, call: Call) -> str:
@@ -247,7 +247,7 @@ def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> No
 
 
 def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> None:
-    """D8."""
+    """Side requests work as before after every kind of end (D8)."""
     answered: list[str] = []
 
     async def main(loop: VirtualLoop) -> None:
@@ -269,7 +269,7 @@ def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> N
 def test_messages_from_another_thread_are_taken_after_any_that_were_not(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """D8."""
+    """Messages from another thread are accepted again after some that were not (D8)."""
 
     async def main() -> None:
         operator: Operator[int, str] = Operator(local, window=4, output_len=1)
@@ -277,7 +277,7 @@ def test_messages_from_another_thread_are_taken_after_any_that_were_not(
             operator.write(0)
             while not operator.counts["local", "result", "forwarded"]:
                 await asyncio.sleep(MS)
-            # The reader lags: each is refused on its way.
+            # The reader lags, so each message is refused on its way.
             refused = 0
             for message in range(1, 40):
                 future = await asyncio.to_thread(operator.write_threadsafe, message)
@@ -298,7 +298,7 @@ def test_messages_from_another_thread_are_taken_after_any_that_were_not(
 
 
 def test_a_job_that_was_cancelled_is_not_begun() -> None:
-    """D6."""
+    """A job that was cancelled early is never begun (D6)."""
     begun: list[int] = []
     go_on = threading.Event()
 
@@ -320,7 +320,7 @@ def test_a_job_that_was_cancelled_is_not_begun() -> None:
 
 
 def test_threads_of_local_end_with_their_operator() -> None:
-    """D8."""
+    """Local's threads end with their operator (D8)."""
 
     def compute(message: int, t: int) -> str:
         if message % 3 == 1:

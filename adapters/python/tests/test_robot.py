@@ -1,4 +1,4 @@
-"""Policies that always have an action: `fuseline.robot`, with remotes that harm them."""
+"""Tests that `fuseline.robot` always has an action, whatever the remote policies do."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HELD = {"of": -1}
 
 
 class HostileServer:
-    """Connections whose replies are quick, slow, lost or failures, by a seed."""
+    """Makes connections whose replies are quick, slow, lost or failures, by a seed."""
 
     def __init__(self, seed: int, chunk: int | None = None, *, never: bool = False) -> None:
         self.random = random.Random(seed)
@@ -38,7 +38,7 @@ class HostileServer:
 
 
 class HostileConnection:
-    """Ends with its close, as a socket does."""
+    """Ends its call when it is closed, as a socket does."""
 
     def __init__(self, server: HostileServer) -> None:
         self.server = server
@@ -74,7 +74,7 @@ def test_each_tick_has_an_action_and_none_is_of_another(tmp_path: Path) -> None:
             action = policy.infer({"t": t})
             assert policy.item is not None and policy.item.source is not None
             sources[policy.item.source.name] += 1
-            # D2: a late reply never acts for a later tick.
+            # A late reply never acts for a later tick (D2).
             assert policy.item.source.name == "local" or action == {"of": t}
     verdict = fuseline.check(trace)
     assert not verdict.violations and verdict.judged == 10_000
@@ -105,7 +105,7 @@ def test_a_chunk_is_used_while_it_is_young_and_its_actions_are_for_their_ticks(
 
 
 def test_a_spliced_chunk_does_not_act(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """D18."""
+    """A spliced chunk does not act (D18)."""
     action = ArrivedChunk.action
 
     def spliced(chunk: ArrivedChunk, t: int, max_age: int) -> Any:
@@ -136,7 +136,7 @@ def test_a_server_that_never_answers_costs_no_tick() -> None:
 def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """D2, D7: as before after more ended connections than threads may hang."""
+    """Calls go on after more ended connections than the bound on hung threads (D2, D7)."""
 
     class RestartingServer:
         def infer(self, tick: int) -> int:
@@ -158,11 +158,11 @@ def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held
 def test_a_policy_that_is_closed_ends_its_connection_and_its_threads(
     chunk: Chunk | None, never: bool
 ) -> None:
-    """D8."""
+    """A policy that is closed ends its connection and its threads (D8)."""
     threads = threading.active_count()
     server = HostileServer(4, chunk=2, never=never)
     with Always(server.connect, Hold(HELD), deadline=0.001, linger=60.0, chunk=chunk) as policy:
-        # Either in a call that hangs, or with a connection that waits for the next one.
+        # The connection is either in a call that hangs, or waits for the next call.
         while not server.connections or server.connections[-1].closed.is_set():
             policy.infer({"t": 0})
         assert threading.active_count() > threads
@@ -175,7 +175,7 @@ def test_a_policy_that_is_closed_ends_its_connection_and_its_threads(
 
 
 class DeafServer:
-    """Its calls go on although their connection was closed."""
+    """Has calls that continue although their connection was closed."""
 
     def __init__(self) -> None:
         self.connections: list[DeafServer] = []
@@ -195,7 +195,7 @@ class DeafServer:
 
 
 def test_a_chunk_under_way_is_given_up_at_the_end_though_its_call_hangs() -> None:
-    """D6."""
+    """The chunk under way is given up at the end, even if its call hangs (D6)."""
     server = DeafServer()
     chunk = Chunk(every=1, max_age=1, within=60.0)
     with Always(server.connect, Hold("held"), deadline=0.01, chunk=chunk) as policy:
@@ -211,7 +211,7 @@ def test_a_chunk_under_way_is_given_up_at_the_end_though_its_call_hangs() -> Non
 def test_calls_go_on_after_calls_that_hang(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """D7, D8: later, the more hang, and at the usual pace once their threads have ended."""
+    """Calls come later the more threads hang, and normally once those have ended (D7, D8)."""
     now = [0.0]
     monkeypatch.setattr(_remote, "monotonic", lambda: now[0])
     server, errors = DeafServer(), list[Any]()
@@ -221,7 +221,7 @@ def test_calls_go_on_after_calls_that_hang(
         asyncio.get_running_loop().set_exception_handler(lambda _, context: errors.append(context))
         remote = RemoteThread(server.connect)
         for n in range(most + 4):
-            # The time passes up to which the next call waits.
+            # The clock advances to the instant until which the next call waits.
             now[0] = remote._ended + _remote.PAUSE * 2 ** max(n - most, 0)
             assert remote.is_ready()
             call = asyncio.ensure_future(remote.infer(n, Call(n, 1.0)))
@@ -278,7 +278,7 @@ def test_a_policy_that_was_closed_while_it_connected_is_closed_once_it_is_there(
 
 
 class PlannedRemote:
-    """Answers with chunks of three ticks, when the test says so, or fails."""
+    """Answers with chunks of three ticks when the test says so, or fails."""
 
     def __init__(self) -> None:
         self.requested: list[int] = []
@@ -300,7 +300,7 @@ async def settled() -> None:
 
 
 def test_chunks_are_requested_in_time_and_again_after_each_kind_of_end(run: Run[Any]) -> None:
-    """D2, D7."""
+    """Chunks are requested in time, and again after each kind of end (D2, D7)."""
 
     async def main(loop: VirtualLoop) -> None:
         remote: Any = PlannedRemote()
@@ -326,7 +326,7 @@ def test_chunks_are_requested_in_time_and_again_after_each_kind_of_end(run: Run[
         await answer(4)
         assert await tick(9) is None, "its actions were for ticks that have passed"
         assert remote.requested == [0, 4, 9]
-        # One that fails, and one that takes too long, are followed by one of the next tick.
+        # After a request that fails or takes too long, the next tick makes another.
         remote.answers[9].set_exception(ConnectionError("broke"))
         await settled()
         assert await tick(9) is None and remote.requested == [0, 4, 9]
@@ -340,7 +340,7 @@ def test_chunks_are_requested_in_time_and_again_after_each_kind_of_end(run: Run[
         remote.ready = True
         await tick(12)
         assert remote.requested[-1] == 12
-        # What is forgotten never acts, also if it was under way.
+        # A chunk that was cleared never acts, even if it was under way.
         await answer(12)
         assert await tick(12) == ("12 for 12", 12)
         plan.clear()
@@ -367,7 +367,7 @@ def test_a_chunk_that_skips_nothing_begins_with_its_first_action(run: Run[Any]) 
         remote.answers[0].set_result(["first", "second", "third"])
         await settled()
         planned = [plan.planned(t, None) for t in range(2, 6)]
-        # The third would be for tick 5, five after its observation.
+        # The third action would be for tick 5, which is five ticks after its observation.
         assert planned == [None, StampedValue("first", 0, 3), StampedValue("second", 0, 4), None]
         plan.close()
 

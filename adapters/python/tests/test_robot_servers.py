@@ -1,4 +1,4 @@
-"""The connections to policy servers of openpi and LeRobot, with packages that stand for theirs."""
+"""Tests the connections to openpi's and LeRobot's servers, with stand-ins for their packages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Modules = Callable[..., None]
 
 @pytest.fixture
 def modules(monkeypatch: pytest.MonkeyPatch) -> Modules:
-    """Puts modules where an import finds them, with the packages that they are in."""
+    """Puts modules and their packages where an import finds them."""
 
     def put(**contents: dict[str, Any]) -> None:
         for name, content in contents.items():
@@ -79,7 +79,7 @@ class TimedAction:
 
 
 class LerobotServer:
-    """Answers each observation with nothing, a chunk of an earlier one, and then its own."""
+    """Answers each observation with nothing, then with an earlier chunk, and then with its own."""
 
     def __init__(self, channel: LerobotChannel) -> None:
         self.calls, self.replies = channel.calls, list[bytes]()

@@ -1,4 +1,4 @@
-"""The join for nodes of rclpy, with subscribers and a timer that stand for ROS's."""
+"""Tests the join for nodes of rclpy, with stand-ins for ROS's subscribers and timer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MS = 1_000_000
 
 
 class Topic:
-    """A subscriber that is given its messages by the test."""
+    """Is a subscriber that gets its messages from the test."""
 
     def __init__(self) -> None:
         self.publish: Callable[[Any], None] = lambda _: None
@@ -27,7 +27,7 @@ class Topic:
 
 
 class Timers:
-    """A clock with at most one timer."""
+    """Is a clock with at most one timer."""
 
     now = 0
     due: int | None = None
@@ -54,7 +54,7 @@ def image(seconds: int, text: str) -> Any:
 
 
 def test_a_set_waits_no_longer_than_it_may_and_each_drop_is_reported() -> None:
-    """E5, E6."""
+    """A set waits no longer than its bound, and each drop is reported (E5, E6)."""
     timers, left, right = Timers(), Topic(), Topic()
     given: list[tuple[int, Joined]] = []
     drops: list[JoinDrop] = []
@@ -109,7 +109,7 @@ def test_a_callback_may_publish_what_is_joined_next() -> None:
 
 
 class GuardedCounts(Counts[tuple[str, str]]):
-    """Counts that change only while the lock of their synchronizer is held."""
+    """Checks that counts change only while their synchronizer's lock is held."""
 
     def __init__(self, lock: threading.Lock) -> None:
         self._held = lock
@@ -123,7 +123,7 @@ class GuardedCounts(Counts[tuple[str, str]]):
 def test_an_executor_with_several_threads_loses_no_count_and_no_timer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each thing is counted under the lock, and a timer of the node's is destroyed with its set."""
+    """Counts change under the lock, and a node's timer is destroyed with its set."""
     clocks = SimpleNamespace(Clock=SimpleNamespace, ClockType=SimpleNamespace(STEADY_TIME="steady"))
     monkeypatch.setitem(sys.modules, "rclpy.clock", clocks)
     set_timers: list[SimpleNamespace] = []

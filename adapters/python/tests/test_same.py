@@ -1,4 +1,4 @@
-"""One engine, two operators: a scenario leads to the same items, counts and trace in Rust."""
+"""Tests that a scenario leads to the same items, counts and trace in Python and in Rust."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from fuseline import Call, Item, Latency, Lineage, Local, Operator, StampedValue
 from fuseline.deadline import Constant
 from fuseline.testing import VirtualLoop
 
-#: The number of scenarios that are compared: all, unless the landing's sample is wanted.
+#: The number of compared scenarios: a sample at a landing, and otherwise all.
 SCENARIOS = int(
     os.environ.get("SCENARIOS", "200" if os.environ.get("FUSELINE_TIER") == "landing" else "1000")
 )
 MS = 0.001
-#: The first side request's number, which stands where a cloud has its priority.
+#: The first side request's number, which it has in place of a priority.
 SIDE = 100
 
 
 @dataclass(frozen=True)
 class DrawnAction:
-    """An action of a source on a message, and the message that its reply names."""
+    """Holds an action of a source on a message, and the message that its reply names."""
 
     kind: str
     ms: int
@@ -42,7 +42,7 @@ class DrawnAction:
             await asyncio.Event().wait()
         await asyncio.sleep(self.ms * MS)
         if self.kind == "fails":
-            # More reasons than are counted by themselves.
+            # There are more reasons than are counted separately.
             raise OSError(f"broke {self.ms % 97}")
         return StampedValue(value, self.of)
 
@@ -52,7 +52,7 @@ class DrawnAction:
 
 @dataclass(frozen=True)
 class DrawnLineage:
-    """A message's number, its age when it comes, its end-to-end deadline, and a missing input."""
+    """Holds a message's number, age on arrival, end-to-end deadline, and a missing input."""
 
     seq: int | None
     age: int | None
@@ -60,7 +60,7 @@ class DrawnLineage:
     missing: str | None
 
     def at(self, now: int) -> Lineage | None:
-        """The lineage of a message that comes now, unless it has none."""
+        """Returns the lineage of a message that comes now, or None if it has none."""
         if self.seq is None:
             return None
         captured = None if self.age is None else now - self.age * 1_000_000
@@ -71,9 +71,9 @@ class DrawnLineage:
 
 @dataclass(frozen=True)
 class DrawnMessage:
-    """A message: its instant, its lineage, and what local, each cloud and side request do.
+    """Holds a message: its instant, its lineage, and the actions of all sources.
 
-    A cloud or side request without a deadline is not asked.
+    A cloud or side request without a deadline gets no request.
     """
 
     at: int
@@ -82,14 +82,14 @@ class DrawnMessage:
     asked: dict[int, tuple[int | None, DrawnAction]]
 
     def request(self, p: int) -> tuple[DrawnAction, float] | None:
-        """The request to a cloud or of a side request, and its deadline."""
+        """Returns the request to a cloud or side request and its deadline, if there is one."""
         deadline, action = self.asked[p]
         return None if deadline is None else (action, deadline * MS)
 
 
 @dataclass(frozen=True)
 class DrawnScenario:
-    """An operator and its messages, drawn by a seed; times are milliseconds."""
+    """Holds an operator and its messages, drawn by a seed. Times are milliseconds."""
 
     commit: Any
     window: int
@@ -112,7 +112,7 @@ class DrawnScenario:
 
         def action(t: int) -> DrawnAction:
             kind = "fails" if all_fail else rng.choice(kinds)
-            # Most replies do not say of which message they are; some are of one to come.
+            # Most replies do not name their message, and some name one that is still to come.
             of = rng.choice([None, None, None, t, t - 1, t - 2, t + 1])
             of = None if of is None or of < 0 else of
             return DrawnAction(kind, rng.randint(1, 900 if all_fail else 9000), of)
@@ -128,7 +128,8 @@ class DrawnScenario:
 
         def lineage(t: int) -> DrawnLineage:
             age = rng.choice([None, rng.randint(0, 4000), rng.randint(0, 4000)])
-            # What is over already ends a nanosecond later, which no timer of tokio can keep.
+            # A budget that is already over would end a nanosecond later, which tokio's timers
+            # cannot do.
             within = (age or 0) + (reserve or 0) + rng.randint(1, 9000)
             return DrawnLineage(
                 rng.choice([None, t + 7]),
@@ -163,7 +164,7 @@ class DrawnScenario:
         )
 
     def lines(self) -> Iterator[str]:
-        """As `adapters/tokio/examples/scenarios.rs` reads it."""
+        """Yields the lines that `adapters/tokio/examples/scenarios.rs` reads."""
         skips = "skips" if self.skips else None
         substitutes = "substitutes" if self.substitutes else None
         operator = self.commit, self.window, self.at_once, self.deadline, self.waiting, skips
@@ -178,7 +179,7 @@ class DrawnScenario:
             yield to_text("message", message.at, lineage, message.local, *asked)
 
     async def play(self, loop: VirtualLoop, trace: Path) -> tuple[list[str], bool]:
-        """Returns its outcome in lines, and whether side requests make it ambiguous."""
+        """Plays it. Returns the outcome in lines, and True if side requests make it ambiguous."""
         instants: list[int] = []
 
         async def local(message: DrawnMessage, t: int) -> str:
@@ -241,7 +242,7 @@ class DrawnScenario:
                 side, want, lambda answer: None, calls=calls, limit=limit, resume=resume
             )
         if self.substitutes:
-            # Every third message has none.
+            # Every third message has no substitute.
             operator.use_substitute(lambda item: "stop" if item.timestamp % 3 else None)
         async with operator:
             read = loop.create_task(read_all(operator))
@@ -262,12 +263,12 @@ async def read_all(operator: Operator[DrawnMessage, str]) -> list[str]:
 
 
 def to_text(*of: Any) -> str:
-    """Words of a line; `-` is none."""
+    """Joins words to a line, with `-` for None."""
     return " ".join("-" if it is None else str(it) for it in of)
 
 
 def nanos(seconds: float | None) -> int | str:
-    """Seconds as the other side has them."""
+    """Returns seconds in nanoseconds, as the Rust side writes them."""
     return "-" if seconds is None else round(seconds * 1e9)
 
 
@@ -287,7 +288,7 @@ def item_line(item: Item[str]) -> str:
 
 
 def is_ambiguous(trace: Path) -> bool:
-    """Returns whether two events fall on one instant. No rule says which is taken first."""
+    """Returns True if two events share an instant, because no rule orders them."""
     inputs: Counter[int] = Counter()
     ticks: set[int] = set()
     due: set[int] = set()
@@ -303,7 +304,7 @@ def is_ambiguous(trace: Path) -> bool:
 
 @pytest.fixture(scope="module")
 def scenarios() -> str:
-    """The example of the Rust operator, built of this project."""
+    """Returns the path of the Rust operator's example, which was built from this project."""
     path = os.environ.get("FUSELINE_SCENARIOS")
     if not path:
         pytest.skip("FUSELINE_SCENARIOS does not name the example scenarios of fuseline-tokio")
@@ -311,7 +312,7 @@ def scenarios() -> str:
 
 
 def test_both_operators_do_the_same(run: Run[Any], tmp_path: Path, scenarios: str) -> None:
-    """D1, D2, D5, D6, D8, D11, E2, E3, E4, E7."""
+    """Both operators do the same (D1, D2, D5, D6, D8, D11, E2, E3, E4, E7)."""
     logging.getLogger("fuseline").setLevel(logging.CRITICAL)
     python, rust = tmp_path / "python", tmp_path / "rust"
     python.mkdir()

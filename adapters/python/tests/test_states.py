@@ -1,4 +1,4 @@
-"""Tests operators, joins, threads and connections before, beside and after their work."""
+"""Tests operators, joins, threads and connections before, during and after their work."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_an_operator_before_its_start_and_in_another_thread() -> None:
     with pytest.raises(Closed, match="the operator's loop has ended"):
         operator.write_threadsafe(2)
     assert operator.counts["lane", "message", "not taken"] == 1
-    # Else as many as the window holds would fill it for good.
+    # Lost messages must not fill the window, so this writes more than it holds.
     for _ in range(20):
         with pytest.raises(Closed):
             operator.write_threadsafe(2)
@@ -137,7 +137,7 @@ def test_a_feed_that_is_closed_meanwhile_ends_quietly(run: Run[Any]) -> None:
             loop.call_later(2.5, operator.close)
             return [item.timestamp async for item in operator]
 
-    # The fourth comes while the third is open.
+    # The fourth message comes while the third is open.
     assert run(main) == [0, 1, 2]
 
 
@@ -155,7 +155,7 @@ def test_who_waits_for_room_learns_at_once_that_the_operator_is_closed(run: Run[
 
 
 def test_what_an_aborted_call_raises_is_nobodys_concern(run: Run[Any]) -> None:
-    """D6, D7."""
+    """Exceptions of an aborted call are ignored (D6, D7)."""
 
     async def handle(message: Any, call: Call) -> Any:
         try:
@@ -174,14 +174,14 @@ def test_what_an_aborted_call_raises_is_nobodys_concern(run: Run[Any]) -> None:
         assert item is not None and not item.failures
         return operator.counts["west", "failure", "accepted"]
 
-    # The loop's own handler is given no error, which the fixture sees.
+    # The loop's own handler gets no error, which the fixture checks.
     assert run(main) == 0
 
 
 def test_a_call_that_only_gives_others_a_turn_is_aborted_too(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """D6."""
+    """A call that only yields to others is aborted too (D6)."""
     ends: list[type[BaseException]] = []
 
     async def spins(message: Any, call: Call) -> Any:
@@ -206,7 +206,7 @@ def test_a_call_that_only_gives_others_a_turn_is_aborted_too(
 
 
 def test_of_several_results_of_a_message_the_last_that_was_sent_has_the_state() -> None:
-    """E10."""
+    """Among a message's results, the last one sent has the state (E10)."""
     state = CarriedState("none")
     steps: list[tuple[str, int, str, str]] = [
         ("computed", 1, "a", "a"),
@@ -275,7 +275,7 @@ def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) ->
 
 
 def test_a_latest_message_is_used_up_to_its_age_and_no_longer(run: Run[Any]) -> None:
-    """E7: by its capture, or else since it came."""
+    """Ages count from the capture, or from the arrival if that is unknown (E7)."""
 
     async def main(loop: VirtualLoop) -> list[list[str]]:
         now = [loop.time_ns()]
@@ -298,7 +298,7 @@ def test_a_latest_message_is_used_up_to_its_age_and_no_longer(run: Run[Any]) -> 
 
 
 def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
-    """E4: something was sent for its message."""
+    """A final item needs no substitute, because its message has an output (E4)."""
 
     async def main(loop: VirtualLoop) -> list[Any]:
         operator = Operator(local_after(MS), clock=loop.time_ns, commit="progressive")
@@ -315,7 +315,7 @@ def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
 
 
 def test_under_progressive_the_latency_is_that_of_the_last_item(run: Run[Any]) -> None:
-    """E3."""
+    """Under progressive the latency counts until the last item (E3)."""
 
     async def main(loop: VirtualLoop) -> float:
         latency = Latency.measured(10, 0.5)
@@ -335,7 +335,7 @@ def test_under_progressive_the_latency_is_that_of_the_last_item(run: Run[Any]) -
 def test_a_side_request_without_time_is_refused_and_a_failure_reported(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """D11."""
+    """A side request without time is refused, and a failure is reported (D11)."""
 
     async def breaks(message: Any, call: Call) -> None:
         raise OSError("no\nroute")
@@ -355,7 +355,7 @@ def test_a_side_request_without_time_is_refused_and_a_failure_reported(
 
 
 def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> None:
-    """D5."""
+    """A side call gets the time that is left at its turn (D5)."""
     given: list[tuple[int, float]] = []
 
     async def handle(message: int, call: Call) -> None:
@@ -372,7 +372,7 @@ def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> 
             operator.stop()
         return operator.counts["plan", "side request", "expired"]
 
-    # The fourth begins with 10 ms left and is ended; nothing is left for the fifth.
+    # The fourth call begins with 10 ms left and is ended. The fifth has no time left.
     assert run(main) == 2
     assert given == [(0, 0.1), (1, 0.07), (2, 0.04), (3, 0.01)]
 

@@ -1,4 +1,4 @@
-"""Boxes of a stream: what their speed makes of a deadline."""
+"""Tests how the speed of a stream's boxes determines the deadline."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ async def one(operator: Operator[Any, Any], message: str = "m") -> Item[Any]:
 
 
 async def task_of(operator: Operator[Any, Any]) -> asyncio.Task[None]:
-    """The west's call of the first message, once it waits."""
+    """Returns west's call for the first message, once it waits."""
     assert operator._driver is not None
     await asyncio.sleep(1 * MS)
     task = operator._driver._sources[1].in_flight[0]

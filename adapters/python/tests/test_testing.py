@@ -1,4 +1,4 @@
-"""Virtual time: `fuseline.testing` leaves nothing behind, and jumps only where nothing happens."""
+"""Tests that virtual time leaves nothing behind, and jumps only while nothing happens."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_what_a_run_leaves_is_ended_and_its_loop_is_closed() -> None:
         try:
             await asyncio.sleep(3600)
         finally:
-            # It may need the loop to end.
+            # A task's cleanup may still need the loop.
             await asyncio.sleep(5)
             ends.append("task")
 
@@ -48,7 +48,7 @@ def test_what_a_run_leaves_is_ended_and_its_loop_is_closed() -> None:
         return source, tasks
 
     def makes(loop: VirtualLoop) -> Coroutine[Any, Any, tuple[Any, ...]]:
-        # What is made before it runs belongs to it, such as a future.
+        # A future that is made before the loop runs belongs to the loop.
         assert asyncio.Future[None]().get_loop() is loop
         return main(loop)
 
@@ -75,7 +75,7 @@ def test_an_error_of_a_run_is_raised_once_what_it_left_is_ended() -> None:
 
 
 def test_time_jumps_to_timers_alone() -> None:
-    """Not while something is ready, and a thread is waited for in real time."""
+    """Time does not jump while something is ready, and threads are awaited in real time."""
     ours, theirs = socket.socketpair()
     read: list[float] = []
 
@@ -90,7 +90,7 @@ def test_time_jumps_to_timers_alone() -> None:
         assert loop.time() == 87_400.0
         loop.block(0.25)
         assert loop.time_ns() == 87_400_250_000_000
-        # No timer is set: what another thread does is waited for.
+        # No timer is set, so the loop waits for the other thread.
         done = threading.Event()
         threading.Timer(0.02, done.set).start()
         assert await asyncio.to_thread(done.wait, 30)

@@ -1,4 +1,4 @@
-"""Threads, processes and connections that compute: how they are replaced, and what they keep."""
+"""Tests how threads, processes and connections are replaced, and what they keep."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def hangs_once(release: threading.Event, made: list[Any]) -> Callable[[], Any]:
 def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
     caplog: pytest.LogCaptureFixture, options: dict[str, Any], words: str, models: int
 ) -> None:
-    """D8, D15."""
+    """A thread that hangs is replaced as often as allowed (D8, D15)."""
     release, made = threading.Event(), list[Any]()
     others = set(threading.enumerate())
 
@@ -73,7 +73,7 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
             while (item := await operator.read()) is not None and item.value is None:
                 operator.write(7)
             assert item is not None and item.value == 7
-            # One that was replaced ends with what it computed: no more are left than workers.
+            # A replaced thread ends with its computation, so no more threads than workers are left.
             until = time.monotonic() + 30
             while computing() > local.at_once and time.monotonic() < until:
                 await asyncio.sleep(0.001)
@@ -86,7 +86,7 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
 
 
 def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
-    """D8."""
+    """Threads keep no values, and are replaced only during a computation (D8)."""
     made: list[Any] = []
     go_on = threading.Event()
 
@@ -128,7 +128,7 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
         while alive() is not None and time.monotonic() < until:
             await asyncio.sleep(0.001)
         assert alive() is None, "a thread that waits keeps what it computed"
-        # What is given up while it is computed ends without a word.
+        # A computation that is given up ends silently.
         errors: list[Any] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, error: errors.append(error))
         given_up = threads.run(go_on)

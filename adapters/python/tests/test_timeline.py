@@ -1,4 +1,4 @@
-"""The timeline: each message once, by an account of the lines of its trace."""
+"""Tests that the timeline shows each message once, by the lines of its trace."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from matplotlib.colors import to_hex
 from matplotlib.pyplot import close, subplots
 
 PRIORITIES = (2, 3, 9)
-#: The colours of local and the clouds by priority; `NOTHING` is for no result or source.
+#: The colours of local and the clouds by priority. `NOTHING` marks a missing result or source.
 COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7")
 NOTHING = "#b2182b"
 
 
 def random_trace(chance: random.Random, commit: Any) -> Trace:
-    """A run with refusals, misses, timers, failures and messages that are open at its end."""
+    """Returns a run with refusals, misses, timers, failures and messages that stay open."""
     clouds = [Cloud(p, limit=3, name=None if p == 3 else f"cloud {p}") for p in PRIORITIES]
     fusion = Fusion(clouds, window=4, commit=commit, operator="lanes", record=True)
     now = t = 0
@@ -45,7 +45,7 @@ def random_trace(chance: random.Random, commit: Any) -> Trace:
 
 
 def account(lines: list[Line], commit: str) -> tuple[Any, Any, Any]:
-    """Message by message, from all its lines: what went, what was waited for, what missed."""
+    """Returns the outputs, the waits in vain and the misses, from each message's lines."""
     went: dict[int, list[tuple[float, float]]] = defaultdict(list)
     waits, missed = [], []
     stories: dict[int, list[Line]] = defaultdict(list)
@@ -118,7 +118,7 @@ def test_a_timeline_of_little_has_what_there_is() -> None:
     assert given.get_legend() is None
     other, axes = subplots()
     points: Any
-    # A source that the header does not have is in the colour of what is wrong.
+    # A source that is not in the header has the colour for errors.
     strange = b'{"ev":"open","at":0,"t":1}\n{"ev":"emit","at":5000000,"t":1,"p":7}\n'
     Trace(header + strange).timeline(axes)
     (points,) = axes.collections

@@ -1,4 +1,4 @@
-"""The summaries in DataFusion, beside duckdb's answers."""
+"""Compares the summaries in DataFusion with duckdb's answers."""
 
 from __future__ import annotations
 

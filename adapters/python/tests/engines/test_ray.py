@@ -1,4 +1,4 @@
-"""A fleet on a cluster of Ray on this machine: several processes on loopback."""
+"""Tests a fleet on a local cluster of Ray, which has several processes on loopback."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from fuseline.fleet import ray as on_ray  # noqa: E402
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[None]:
-    """A head and three workers at most, all of which end with the tests."""
-    # The path of a socket has room for a hundred letters or so.
+    """Starts a head and at most three workers, which end with the tests."""
+    # The path of a socket may have only about a hundred characters.
     folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp")
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     os.environ["RAY_DATA_DISABLE_PROGRESS_BARS"] = "1"
@@ -43,7 +43,7 @@ def cluster() -> Iterator[None]:
 
 
 def comparable(table: pa.Table) -> list[dict[str, Any]]:
-    """The rows by file and line."""
+    """Returns the rows, sorted by file and line."""
     rows: list[dict[str, Any]] = table.to_pylist()
     return sorted(rows, key=lambda row: (row["file"], row["line"] or 0, row["t"] or 0))
 
@@ -70,7 +70,7 @@ def test_no_verdict_is_lost_or_doubled_when_a_worker_is_killed(
     seen.mkdir()
 
     def slowly(file: str) -> str:
-        # Who is at work, and on what: so that one can be killed in the midst of it.
+        # This file names the process and its trace, so that the test can kill a process at work.
         (seen / f"{os.getpid()}-{Path(file).stem}-{time.monotonic_ns()}").touch()
         time.sleep(0.1)
         return Path(file).stem

@@ -1,4 +1,4 @@
-"""A fleet on Spark on this machine: the session and its workers are processes of their own."""
+"""Tests a fleet on a local Spark, whose session and workers are separate processes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pyspark.sql import SparkSession
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SparkSession]:
-    """Two workers, which end with the tests."""
+    """Starts a session with two workers, which end with the tests."""
     os.environ["PYSPARK_PYTHON"] = sys.executable
     os.environ["SPARK_LOCAL_IP"] = "127.0.0.1"
     settings = {
@@ -50,7 +50,7 @@ def plain(value: Any) -> Any:
 
 
 def comparable(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows by file and line."""
+    """Returns the rows, sorted by file and line."""
     return sorted(rows, key=lambda row: (row["file"], row["line"] or 0, row["t"] or 0))
 
 
