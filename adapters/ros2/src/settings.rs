@@ -13,7 +13,6 @@ mod parameter;
 mod policy;
 mod qos;
 mod reader;
-mod seconds;
 mod table;
 
 use std::path::PathBuf;
@@ -24,20 +23,20 @@ use fuseline_tokio::Timers;
 
 use crate::arguments::{Arguments, Level};
 use crate::key::{IntegerKind, MessageKey, has_header};
-use crate::names::{NodeName, check_type};
+use crate::names::NodeName;
 use crate::parameters::{Value, ValueOrigin, given};
 pub use crate::settings::budget::EndToEndSettings;
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
 use crate::settings::environment::Environment;
-pub use crate::settings::error::SettingsError;
+pub use crate::settings::error::{SettingsError, SettingsFlaw};
 pub use crate::settings::middleware::Middleware;
 pub(crate) use crate::settings::nearest::nearest;
-pub use crate::settings::parameter::{Kind, Parameter, Preset, Range, Spec, TABLE};
+use crate::settings::parameter::none_if_zero;
+pub use crate::settings::parameter::{Kind, Parameter, Preset, Spec, TABLE, seconds};
 pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::reader::{LocatedValue, ParameterReader};
-pub use crate::settings::seconds::seconds;
+use crate::settings::reader::ParameterReader;
 
 /// The types of topics that do not depend on parameters.
 const FLOAT64: &str = "std_msgs/msg/Float64";
@@ -244,8 +243,8 @@ impl Settings {
         settings.unheeded.extend(idle);
         settings.unheeded.extend(idle_log_levels(arguments, &node));
         if let Err(why) = settings.keep_pace() {
-            let origin = settings.origin("policy.rate");
-            return Err(SettingsError::Workload { origin, why });
+            let (origin, name) = (settings.origin("policy.rate"), "policy.rate".to_owned());
+            return Err(SettingsError::Flaw { origin, name, flaw: SettingsFlaw::Workload(why) });
         }
         Ok(settings)
     }
@@ -277,17 +276,16 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let input = stream(r, "input", Role::Subscription)?;
     let silence = r.seconds("input.silence")?;
     let output = stream(r, "output", Role::Publisher)?;
-    let window = r.integer("window", None)?.value;
-    let commit = r.choice("commit", &Commit::ALL)?.value;
+    let window = r.integer("window", None)?;
+    let commit = r.choice("commit", &Commit::ALL)?;
     let revisions = revisions(r, commit, &output)?;
-    let timers = r.choice("timers", &[Timers::Kernel, Timers::Tokio])?.value;
-    let realtime: LocatedValue<u8> = r.integer("realtime", None)?;
+    let timers = r.choice("timers", &[Timers::Kernel, Timers::Tokio])?;
+    let realtime: u8 = r.integer("realtime", None)?;
     let lifecycle = r.flag("lifecycle")?;
-    if lifecycle && realtime.value != 0 {
-        let value = Value::Integer(realtime.value.into());
+    if lifecycle && realtime != 0 {
         let expected = "0 to a managed node, whose next configuration would start its threads with that priority";
-        let (name, expected) = ("realtime".to_owned(), expected.to_owned());
-        return Err(SettingsError::Value { origin: realtime.origin, name, value, expected });
+        let flaw = SettingsFlaw::Value(Value::Integer(realtime.into()), expected.to_owned());
+        return Err(r.flaw("realtime", flaw));
     }
     let greatest_deadline = r.greatest_deadline()?;
     let deadline = r.seconds("deadline")?;
@@ -298,7 +296,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let local = local(r, types, window, middleware)?;
     let clouds = clouds::read(r, types, middleware, (deadlines.rate, deadline))?;
     let (trace, mcap) = (r.path("trace.file")?, r.path("trace.mcap")?);
-    let domain = r.integer("domain_id", None)?.value;
+    let domain = r.integer("domain_id", None)?;
     let localhost_only = r.flag("localhost_only")?;
     let diagnostics_period = r.seconds("diagnostics.period")?;
     let use_sim_time = r.flag("use_sim_time")?;
@@ -308,13 +306,13 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         domain,
         localhost_only,
         input,
-        silence: seconds::none_if_zero(silence),
+        silence: none_if_zero(silence),
         output,
         revisions,
         window,
         commit,
         timers,
-        realtime: realtime.value,
+        realtime,
         lifecycle,
         greatest_deadline,
         deadline,
@@ -346,12 +344,8 @@ fn stream(
     if !r.is_given(&of("type")) {
         return Err(SettingsError::Type { name: of("type") });
     }
-    let read = r.read(&of("type"), None, |value| match value {
-        Value::String(name) if check_type(name).is_ok() => Some(name.clone()),
-        _ => None,
-    });
-    let LocatedValue { value: type_name, origin } = read?;
-    let key = key(r, name, &type_name, &origin)?;
+    let type_name = r.text(&of("type"), None)?;
+    let key = key(r, name, &type_name)?;
     let topic = r.named_topic(&of("topic"), None, &type_name, role)?;
     Ok(StreamSettings { topic, type_name, key })
 }
@@ -363,16 +357,13 @@ fn revisions(
     output: &StreamSettings,
 ) -> Result<Option<String>, SettingsError> {
     let name = "output.revisions_topic";
-    match (commit, r.origin(name)) {
-        (Commit::Progressive, _) => {
-            let default = format!("{}/revisions", output.topic);
-            r.named_topic(name, Some(&default), &output.type_name, Role::Publisher).map(Some)
-        }
-        (Commit::Eager | Commit::Patient, None) => Ok(None),
-        (Commit::Eager | Commit::Patient, Some(origin)) => {
-            let other = "commit: progressive".to_owned();
-            Err(SettingsError::Alone { origin, name: name.to_owned(), other })
-        }
+    if commit == Commit::Progressive {
+        let default = format!("{}/revisions", output.topic);
+        r.named_topic(name, Some(&default), &output.type_name, Role::Publisher).map(Some)
+    } else if r.is_given(name) {
+        Err(r.flaw(name, SettingsFlaw::Alone("commit: progressive".to_owned())))
+    } else {
+        Ok(None)
     }
 }
 
@@ -380,24 +371,21 @@ fn key(
     r: &mut ParameterReader,
     stream: &'static str,
     type_name: &str,
-    type_origin: &ValueOrigin,
 ) -> Result<MessageKey, SettingsError> {
     let names = [format!("{stream}.key"), format!("{stream}.key_offset")];
     let [key, offset] = [&names[0], &names[1]];
     if !r.is_given(key) && !has_header(type_name) {
-        let (origin, type_name) = (type_origin.clone(), type_name.to_owned());
+        let origin = r.origin(&format!("{stream}.type"));
+        let type_name = type_name.to_owned();
         return Err(SettingsError::Key { origin, type_name, name: key.clone() });
     }
     let kinds = [IntegerKind::U32, IntegerKind::I32, IntegerKind::U64, IntegerKind::I64].map(Some);
     let kind = r.choice(key, &[&[None], &kinds[..]].concat())?;
-    let Some(kind) = kind.value else {
-        return match r.origin(offset) {
-            Some(origin) => Err(SettingsError::Offset { origin, name: offset.clone() }),
-            None => Ok(MessageKey::Header),
-        };
-    };
-    let offset = r.integer(offset, None)?.value;
-    Ok(MessageKey::Integer { offset, kind })
+    match kind {
+        Some(kind) => Ok(MessageKey::Integer { offset: r.integer(offset, None)?, kind }),
+        None if r.is_given(offset) => Err(r.flaw(offset, SettingsFlaw::Offset)),
+        None => Ok(MessageKey::Header),
+    }
 }
 
 fn local(
@@ -407,8 +395,8 @@ fn local(
     middleware: Middleware,
 ) -> Result<Local, SettingsError> {
     let middleware = middleware::read(r, "local.middleware", Some(middleware))?;
-    let in_flight = r.integer("local.in_flight", None)?.value;
-    let waiting = r.integer("local.waiting", Some(window.into()))?.value;
+    let in_flight = r.integer("local.in_flight", None)?;
+    let waiting = r.integer("local.waiting", Some(window.into()))?;
     let deadline = r.seconds("local.deadline")?;
     let [input, output] = topics(r, "local", types)?;
     Ok(Local { middleware, input, output, deadline, in_flight, waiting })

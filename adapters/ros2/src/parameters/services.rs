@@ -20,21 +20,7 @@ use super::{Value, ros};
 use crate::error::NodeError;
 use crate::middleware::{Graph, TypeName};
 use crate::service::Requests;
-use crate::settings::{Change, Current, Parameter, Range};
-
-/// ROS's number for *not set*.
-const NOT_SET: ParameterValue = ParameterValue {
-    ptype: 0,
-    boolean_value: false,
-    int_value: 0,
-    double_value: 0.0,
-    string_value: String::new(),
-    byte_array: Vec::new(),
-    bool_array: Vec::new(),
-    int_array: Vec::new(),
-    double_array: Vec::new(),
-    string_array: Vec::new(),
-};
+use crate::settings::{Change, Current, Kind, Parameter};
 
 /// The services, and what comes on them.
 pub(crate) struct ParameterServices {
@@ -111,7 +97,7 @@ impl ParameterServices {
 impl NodeParameters {
     fn value(&self, name: &str) -> ParameterValue {
         let settings = self.settings.locked();
-        settings.parameter(name).map_or(NOT_SET, |found| ros::value(&found.value))
+        settings.parameter(name).map_or_else(not_set, |found| ros::value(&found.value))
     }
 
     /// Sets all of them or none.
@@ -165,44 +151,37 @@ impl NodeParameters {
 
     fn describe(&self, name: &str) -> ParameterDescriptor {
         let settings = self.settings.locked();
-        settings.parameter(name).map_or_else(|| unknown(name), described)
-    }
-}
-
-fn unknown(name: &str) -> ParameterDescriptor {
-    ParameterDescriptor {
-        name: name.to_owned(),
-        r#type: NOT_SET.ptype,
-        description: "there is no such parameter".to_owned(),
-        additional_constraints: String::new(),
-        read_only: true,
-        dynamic_typing: false,
-        floating_point_range: Vec::new(),
-        integer_range: Vec::new(),
-    }
-}
-
-fn described(parameter: &Parameter) -> ParameterDescriptor {
-    let mut descriptor = ParameterDescriptor {
-        name: parameter.name.clone(),
-        r#type: ros::value(&parameter.value).ptype,
-        description: parameter.about.to_owned(),
-        additional_constraints: parameter.expected.clone(),
-        read_only: !parameter.at_run_time,
-        dynamic_typing: false,
-        floating_point_range: Vec::new(),
-        integer_range: Vec::new(),
-    };
-    match parameter.range {
-        Some(Range::Integer(from_value, to_value)) => {
-            descriptor.integer_range = vec![IntegerRange { from_value, to_value, step: 1 }];
-        }
-        Some(Range::Double(from_value, to_value)) => {
+        let mut descriptor = ParameterDescriptor {
+            name: name.to_owned(),
+            r#type: not_set().ptype,
+            description: "there is no such parameter".to_owned(),
+            additional_constraints: String::new(),
+            read_only: true,
+            dynamic_typing: false,
+            floating_point_range: Vec::new(),
+            integer_range: Vec::new(),
+        };
+        let Some(Parameter { value, spec, .. }) = settings.parameter(name) else {
+            return descriptor;
+        };
+        let greatest = settings.greatest_deadline;
+        descriptor.r#type = ros::value(value).ptype;
+        spec.about.clone_into(&mut descriptor.description);
+        descriptor.additional_constraints = spec.kind.expected(greatest);
+        descriptor.read_only = !spec.at_run_time;
+        if let Kind::Integer(from_value, to_value) = spec.kind {
+            descriptor.integer_range.push(IntegerRange { from_value, to_value, step: 1 });
+        } else if let Some(longest) = spec.kind.longest(greatest) {
             // A step of 0 is any step.
-            descriptor.floating_point_range =
-                vec![FloatingPointRange { from_value, to_value, step: 0.0 }];
+            let range =
+                FloatingPointRange { from_value: 0.0, to_value: longest.as_secs_f64(), step: 0.0 };
+            descriptor.floating_point_range.push(range);
         }
-        None => {}
+        descriptor
     }
-    descriptor
+}
+
+/// Returns the value of a parameter that does not exist.
+fn not_set() -> ParameterValue {
+    ros2_client::ParameterValue::NotSet.into()
 }

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use super::seconds::none_if_zero;
+use super::parameter::none_if_zero;
 use super::{ParameterReader, SettingsError};
 
 /// The origin and the end-to-end deadline of a pipeline's messages.
@@ -21,11 +21,11 @@ pub(super) fn read(
     r: &mut ParameterReader,
     topic: &str,
 ) -> Result<EndToEndSettings, SettingsError> {
-    let origin = r.text("origin", None)?.value;
+    let origin = r.text("origin", None)?;
     let origin = if origin.is_empty() { topic.to_owned() } else { origin };
     let (within, reserve) = (r.seconds("within")?, r.seconds("reserve")?);
     if !reserve.is_zero() && reserve >= within {
-        return Err(r.out_of_range("reserve"));
+        return Err(r.refused("reserve"));
     }
     Ok(EndToEndSettings { origin, within: none_if_zero(within), reserve })
 }

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::parameters::Value;
 use crate::settings::nearest::nearest;
-use crate::settings::seconds::{DeadlineBound, none_if_zero};
+use crate::settings::parameter::{Spec, none_if_zero};
 use crate::settings::{Parameter, Settings};
 
 /// A parameter's new value.
@@ -54,27 +54,25 @@ impl Settings {
             let names = self.declared.iter().map(|known| known.name.as_str());
             return Err(ChangeError::Unknown(name.to_owned(), nearest(name, names)));
         };
-        if !known.at_run_time {
+        let Spec { name: line, kind, at_run_time, .. } = known.spec;
+        if !at_run_time {
             return Err(ChangeError::Fixed(name.to_owned()));
         }
-        let bound = DeadlineBound(self.greatest_deadline);
-        let of_cloud = name.split_once('.').and_then(|(cloud, part)| {
-            Some((self.clouds.iter().position(|other| other.name == cloud)?, part))
-        });
-        let change = match (name, of_cloud) {
-            (_, Some((at, "deadline"))) => {
-                let own = bound.own_deadline(value);
-                own.map(|time| Change::CloudDeadline(at, none_if_zero(time)))
-            }
-            (_, Some((at, "enabled"))) => flag_of(value).map(|flag| Change::CloudEnabled(at, flag)),
-            ("deadline", None) => bound.deadline(value).map(Change::Deadline),
-            ("local.deadline", None) => bound.deadline(value).map(Change::LocalDeadline),
-            ("use_sim_time", None) => flag_of(value).map(Change::SimTime),
-            _ => None,
-        };
-        let Some(change) = change else {
-            let expected = known.expected.clone();
+        let greatest = self.greatest_deadline;
+        if !kind.accepts(value, greatest) {
+            let expected = kind.expected(greatest);
             return Err(ChangeError::Value(name.to_owned(), value.clone(), expected));
+        }
+        let (flag, time) = (*value == Value::Bool(true), kind.time(value, greatest));
+        let (time, of) = (time.unwrap_or_default(), name.split_once('.').map(|(cloud, _)| cloud));
+        let at = self.clouds.iter().position(|cloud| Some(&*cloud.name) == of);
+        let change = match (line, at) {
+            ("<cloud>.deadline", Some(at)) => Change::CloudDeadline(at, none_if_zero(time)),
+            ("<cloud>.enabled", Some(at)) => Change::CloudEnabled(at, flag),
+            ("deadline", _) => Change::Deadline(time),
+            ("local.deadline", _) => Change::LocalDeadline(time),
+            ("use_sim_time", _) => Change::SimTime(flag),
+            (other, _) => unreachable!("{other} changes while the node runs"),
         };
         match self.keeps_pace_with(change) {
             Ok(()) => Ok(change),
@@ -120,12 +118,5 @@ impl Settings {
             Change::CloudEnabled(at, enabled) => self.clouds[at].enabled = enabled,
             Change::SimTime(follows) => self.use_sim_time = follows,
         }
-    }
-}
-
-fn flag_of(value: &Value) -> Option<bool> {
-    match value {
-        Value::Bool(flag) => Some(*flag),
-        _ => None,
     }
 }

@@ -4,11 +4,11 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use crate::names::check_token;
-use crate::parameters::{Value, ValueOrigin};
-use crate::settings::parameter::is_reserved;
-use crate::settings::reader::{LocatedValue, ParameterReader};
+use crate::parameters::ValueOrigin;
+use crate::settings::parameter::{is_reserved, none_if_zero};
+use crate::settings::reader::ParameterReader;
 use crate::settings::{
-    Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
+    Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, SettingsFlaw, middleware, topics,
 };
 
 /// The most clouds, as in the core.
@@ -23,7 +23,8 @@ pub(super) fn read(
     middleware: Middleware,
     pace: (Option<f64>, Duration),
 ) -> Result<Vec<Cloud>, SettingsError> {
-    let LocatedValue { value: names, origin: listed } = r.names("clouds")?;
+    let names = r.names("clouds")?;
+    let listed = r.origin("clouds");
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
             "there are already 15; leave it out"
@@ -43,12 +44,12 @@ pub(super) fn read(
     let mut clouds: Vec<Cloud> = Vec::new();
     for (name, default) in names.into_iter().zip(1..) {
         let parameter = format!("{name}.priority");
-        let LocatedValue { value: priority, origin } = r.integer(&parameter, Some(default))?;
+        let priority = r.integer(&parameter, Some(default))?;
         if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
-            let other = other.name.clone();
+            let flaw = SettingsFlaw::Priority(priority, other.name.clone());
             // By default it is the position in the list.
-            let origin = if origin == ValueOrigin::Default { listed } else { origin };
-            return Err(SettingsError::Priority { origin, name, priority, other });
+            let given = Some(r.origin(&parameter)).filter(|it| *it != ValueOrigin::Default);
+            return Err(SettingsError::Flaw { origin: given.unwrap_or(listed), name, flaw });
         }
         clouds.push(cloud(r, (name, priority), types, middleware, pace)?);
     }
@@ -65,11 +66,12 @@ fn cloud(
     let of = |part: &str| format!("{name}.{part}");
     let deadline = r.seconds(&of("deadline"))?;
     let enabled = r.flag(&of("enabled"))?;
-    let in_flight: u16 = r.integer(&of("in_flight"), None)?.value;
-    let given = seconds::none_if_zero(deadline).unwrap_or(node_deadline);
+    let in_flight: u16 = r.integer(&of("in_flight"), None)?;
+    let deadline = none_if_zero(deadline);
+    let given = deadline.unwrap_or(node_deadline);
     let answerable = rate.map_or(in_flight.into(), |rate| answerable(rate, given));
-    let limit: i64 = r.integer(&of("limit"), Some(answerable))?.value;
-    let resume = r.integer_up_to(&of("resume"), limit - 1, None)?.value;
+    let limit: i64 = r.integer(&of("limit"), Some(answerable))?;
+    let resume = r.integer_up_to(&of("resume"), limit - 1, None)?;
     let linger = r.seconds(&of("linger"))?;
     let connection = if let Some(grpc) = grpc(r, &name)? {
         CloudConnection::Grpc(grpc)
@@ -80,7 +82,6 @@ fn cloud(
     };
     let hints = hints(r, &name, types[1], &connection, linger)?;
     let limit = limit.unsigned_abs();
-    let deadline = seconds::none_if_zero(deadline);
     Ok(Cloud {
         name,
         priority,
@@ -111,62 +112,46 @@ fn hints(
     linger: Duration,
 ) -> Result<Option<String>, SettingsError> {
     let name = format!("{cloud}.hints");
-    let origin = r.origin(&name);
     let topic = r.topic(&name, None, type_name, Role::Publisher)?;
-    match (connection, origin) {
-        _ if topic.is_none() => Ok(None),
-        (CloudConnection::Grpc(_), Some(origin)) if linger.is_zero() => {
-            Err(SettingsError::Hints { origin, name, linger: format!("{cloud}.linger") })
-        }
-        (CloudConnection::Grpc(_) | CloudConnection::Topics { .. }, _) => Ok(topic),
+    if topic.is_some() && linger.is_zero() && matches!(connection, CloudConnection::Grpc(_)) {
+        return Err(r.flaw(&name, SettingsFlaw::Hints(format!("{cloud}.linger"))));
     }
+    Ok(topic)
 }
 
 fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let of = |part: &str| format!("{cloud}.grpc.{part}");
-    let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
-    let read = r.read(&of("url"), None, |value| match value {
-        Value::String(url) if url.is_empty() || is_server(url) => Some(url.clone()),
-        _ => None,
-    });
-    let LocatedValue { value: url, origin } = read?;
-    let alone = |r: &ParameterReader, name: &String, other: &String| {
-        r.origin(name).map(|origin| SettingsError::Alone {
-            origin,
-            name: name.clone(),
-            other: other.clone(),
-        })
+    let (address, parts) =
+        (of("url"), ["ca", "certificate", "key", "token_file", "server_name"].map(of));
+    let url = r.text(&address, None)?;
+    let given = |r: &ParameterReader, names: &[&String]| {
+        names.iter().find(|name| r.is_given(name)).map(|name| (*name).clone())
     };
     if url.is_empty() {
-        return match parts.iter().find_map(|part| alone(r, part, &of("url"))) {
-            Some(error) => Err(error),
+        return match given(r, &parts.each_ref()) {
+            Some(part) => Err(r.flaw(&part, SettingsFlaw::Alone(address))),
             None => Ok(None),
         };
     }
-    for name in ["input_topic", "output_topic", "middleware"].map(|side| format!("{cloud}.{side}"))
-    {
-        if let Some(origin) = r.origin(&name) {
-            return Err(SettingsError::Topics { origin, name, cloud: cloud.to_owned() });
-        }
+    let topics =
+        ["input_topic", "output_topic", "middleware"].map(|side| format!("{cloud}.{side}"));
+    if let Some(name) = given(r, &topics.each_ref()) {
+        return Err(r.flaw(&name, SettingsFlaw::Topics(cloud.to_owned())));
     }
     let [ca, certificate, key, token_file, server_name] = &parts;
     let is_secure = url.starts_with("https://");
     if is_secure && !r.is_given(ca) {
-        return Err(SettingsError::Ca { origin, name: of("url"), ca: ca.clone() });
+        return Err(r.flaw(&address, SettingsFlaw::Ca(ca.clone())));
     }
-    for part in [ca, certificate, key] {
-        if let Some(origin) = r.origin(part).filter(|_| !is_secure) {
-            return Err(SettingsError::Plain { origin, name: part.clone(), url: of("url") });
-        }
+    if let Some(name) = given(r, &[ca, certificate, key]).filter(|_| !is_secure) {
+        return Err(r.flaw(&name, SettingsFlaw::Plain(address)));
     }
-    if let Some(origin) = r.origin(token_file).filter(|_| !is_secure && !is_local(&url)) {
-        return Err(SettingsError::Token { origin, name: token_file.clone(), url: of("url") });
+    if r.is_given(token_file) && !is_secure && !is_local(&url) {
+        return Err(r.flaw(token_file, SettingsFlaw::Token(address)));
     }
     for (one, other) in [(certificate, key), (key, certificate)] {
-        if !r.is_given(other)
-            && let Some(error) = alone(r, one, other)
-        {
-            return Err(error);
+        if r.is_given(one) && !r.is_given(other) {
+            return Err(r.flaw(one, SettingsFlaw::Alone(other.clone())));
         }
     }
     Ok(Some(Grpc {
@@ -175,7 +160,7 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
         certificate: r.path(certificate)?,
         key: r.path(key)?,
         token_file: r.path(token_file)?,
-        server_name: Some(r.text(server_name, None)?.value).filter(|name| !name.is_empty()),
+        server_name: Some(r.text(server_name, None)?).filter(|name| !name.is_empty()),
     }))
 }
 
@@ -189,7 +174,7 @@ fn is_local(url: &str) -> bool {
 }
 
 /// Returns `true` if it names a server, with nothing behind the port: a path would be left out.
-fn is_server(url: &str) -> bool {
+pub(super) fn is_server(url: &str) -> bool {
     let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
     let Some(rest) = rest.map(|rest| rest.strip_suffix('/').unwrap_or(rest)) else { return false };
     let (host, port) = match rest.rsplit_once(':') {

@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use crate::parameters::Value;
 use crate::settings::reader::ParameterReader;
 use crate::settings::{CloudConnection, SettingsError};
 
@@ -36,15 +35,8 @@ pub(super) fn read(
     name: &str,
     default: Option<Middleware>,
 ) -> Result<Middleware, SettingsError> {
-    let default = default.map(|default| Value::String(default.name().to_owned()));
-    let chosen = r.read(name, default, |value| match value {
-        Value::String(word) if word == "dds" => Some(Middleware::Dds),
-        Value::String(word) if word == "zenoh" && cfg!(feature = "zenoh") => {
-            Some(Middleware::Zenoh)
-        }
-        _ => None,
-    });
-    chosen.map(|chosen| chosen.value)
+    let name = r.text(name, default.map(Middleware::name))?;
+    Ok(if name == Middleware::Zenoh.name() { Middleware::Zenoh } else { Middleware::Dds })
 }
 
 impl super::Settings {

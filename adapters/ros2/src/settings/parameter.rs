@@ -2,9 +2,11 @@
 //! it, and the book prints it.
 
 use std::fmt;
+use std::time::Duration;
 
+use crate::names::check_type;
 use crate::parameters::{Value, ValueOrigin};
-use crate::settings::seconds::{DeadlineBound, MOST_SECONDS, SECONDS};
+use crate::settings::clouds::is_server;
 
 /// A parameter with its value.
 #[derive(Clone, PartialEq, Debug)]
@@ -13,29 +15,14 @@ pub struct Parameter {
     pub name: String,
     /// The parameter's value.
     pub value: Value,
-    /// The parameter's purpose, in a few words.
-    pub about: &'static str,
-    /// The values that it may have, in a few words.
-    pub expected: String,
-    /// The least and the greatest value, if it is a number with bounds.
-    pub range: Option<Range>,
-    /// `true` if it may be changed while the node runs.
-    pub at_run_time: bool,
+    /// The parameter's line of the table. Its kind has the bounds that other parameters set.
+    pub spec: Spec,
     /// The origin of its value.
     pub origin: ValueOrigin,
 }
 
-/// The least and the greatest value of a number.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Range {
-    /// The range of a whole number.
-    Integer(i64, i64),
-    /// The range of a number with a point.
-    Double(f64, f64),
-}
-
 /// A line of the table.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Spec {
     /// The parameter's name. The name of a parameter that each cloud has begins with `<cloud>.`
     pub name: &'static str,
@@ -50,7 +37,7 @@ pub struct Spec {
 }
 
 /// The values that a parameter may have.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Kind {
     /// `true` or `false`.
     Flag,
@@ -76,12 +63,12 @@ pub enum Kind {
     Text,
     /// The URL of a server.
     Server,
-    /// The value of a parameter if none is given.
+    /// A list of names.
     Names,
 }
 
 /// A parameter's value if none is given.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Preset {
     /// `true` or `false`.
     Flag(bool),
@@ -224,6 +211,8 @@ const CLOUD: &str = "<cloud>";
 /// The beginning of the parameters of quality of service.
 pub(super) const QOS: &str = "qos_overrides";
 
+/// The longest time that a parameter may have.
+const LONGEST: Duration = Duration::from_secs(1_000_000_000);
 const GIVEN: Preset = Preset::Other("must be given");
 const HEADER: Preset = Preset::Text("header");
 const DEADLINES: Preset = Preset::Other("the default of `fuseline-deadline`");
@@ -241,6 +230,19 @@ const fn fixed(name: &'static str, kind: Kind, preset: Preset, about: &'static s
 
 const fn changeable(name: &'static str, kind: Kind, preset: Preset, about: &'static str) -> Spec {
     Spec { at_run_time: true, ..fixed(name, kind, preset, about) }
+}
+
+/// Returns a number of seconds as a deadline, or `None` if it is not valid: a deadline is more than 0
+/// when rounded to nanoseconds, and at most 10⁹ seconds.
+#[must_use]
+pub fn seconds(seconds: f64) -> Option<Duration> {
+    let time = Duration::try_from_secs_f64(seconds).ok()?;
+    (time > Duration::ZERO && time <= LONGEST).then_some(time)
+}
+
+/// Returns none for a time of 0, which stands for another parameter's value or for no time.
+pub(super) fn none_if_zero(time: Duration) -> Option<Duration> {
+    Some(time).filter(|time| !time.is_zero())
 }
 
 /// Returns the line of a parameter, by its own name or that of a cloud's.
@@ -266,35 +268,68 @@ fn is_part(name: &str, part: &str) -> bool {
 }
 
 impl Kind {
+    /// Returns `true` if a parameter of this kind may have the value. No deadline is longer than `greatest`.
+    pub(super) fn accepts(self, value: &Value, greatest: Duration) -> bool {
+        match (self, value) {
+            (Self::Flag, Value::Bool(_))
+            | (Self::Text, Value::String(_))
+            | (Self::Names, Value::Strings(_)) => true,
+            (Self::Integer(least, most), Value::Integer(it)) => (least..=most).contains(it),
+            (Self::Words(words), Value::String(word)) => words.contains(&&**word),
+            (Self::Middleware, Value::String(word)) => {
+                word == "dds" || (word == "zenoh" && cfg!(feature = "zenoh"))
+            }
+            (Self::Type, Value::String(name)) => check_type(name).is_ok(),
+            (Self::Server, Value::String(url)) => url.is_empty() || is_server(url),
+            (Self::Figure, _) => value.number().is_some_and(|it| it.is_finite() && it >= 0.0),
+            (_, _) => self.time(value, greatest).is_some(),
+        }
+    }
+
+    /// Returns the value as a time, if this is a kind of time that accepts it.
+    pub(super) fn time(self, value: &Value, greatest: Duration) -> Option<Duration> {
+        let most = self.longest(greatest)?;
+        match (self, value.number()?) {
+            (Self::SecondsOr(_) | Self::OwnDeadline, 0.0) => Some(Duration::ZERO),
+            (_, number) => seconds(number).filter(|time| *time <= most),
+        }
+    }
+
+    /// Returns the longest time that is accepted; none if this is no kind of time.
+    pub(crate) const fn longest(self, greatest: Duration) -> Option<Duration> {
+        match self {
+            Self::Seconds | Self::SecondsOr(_) => Some(LONGEST),
+            Self::Deadline | Self::OwnDeadline => Some(greatest),
+            _ => None,
+        }
+    }
+
     /// Describes the values that a parameter of this kind accepts, for an error.
-    pub(super) fn expected(self, deadlines: DeadlineBound) -> String {
+    pub(crate) fn expected(self, greatest: Duration) -> String {
         match self {
             Self::Flag => "true or false".to_owned(),
             Self::Integer(least, i64::MAX) => format!("an integer of at least {least}"),
             Self::Integer(least, most) => format!("an integer from {least} to {most}"),
-            Self::Seconds => SECONDS.to_owned(),
+            Self::Seconds => "seconds, more than 0 and at most 1e9".to_owned(),
             Self::SecondsOr(words) => words.to_owned(),
-            Self::Deadline => deadlines.expected(),
-            Self::OwnDeadline => deadlines.own_expected(),
+            Self::Deadline => format!(
+                "seconds, more than 0 and at most greatest_deadline ({})",
+                greatest.as_secs_f64()
+            ),
+            Self::OwnDeadline => {
+                format!("{}, or 0 for deadline", Self::Deadline.expected(greatest))
+            }
             Self::Figure => "a number of at least 0".to_owned(),
-            Self::Words([rest @ .., last]) => format!("{} or {last}", rest.join(", ")),
-            Self::Words([]) => String::new(),
+            Self::Words([rest @ .., last]) if !rest.is_empty() => {
+                format!("{} or {last}", rest.join(", "))
+            }
+            Self::Words(words) => words.concat(),
             Self::Middleware if cfg!(feature = "zenoh") => "dds or zenoh".to_owned(),
             Self::Middleware => "dds; zenoh needs a build with --features zenoh".to_owned(),
             Self::Type => "a type such as sensor_msgs/msg/Image".to_owned(),
             Self::Text => "a string, in quotes if it looks like something else".to_owned(),
             Self::Server => "http://host:port or https://host:port".to_owned(),
             Self::Names => "a list of names such as [west, east]".to_owned(),
-        }
-    }
-
-    /// Returns the bounds of a number.
-    pub(super) fn range(self, deadlines: DeadlineBound) -> Option<Range> {
-        match self {
-            Self::Integer(least, most) => Some(Range::Integer(least, most)),
-            Self::Seconds | Self::SecondsOr(_) => Some(MOST_SECONDS),
-            Self::Deadline | Self::OwnDeadline => Some(deadlines.range()),
-            _ => None,
         }
     }
 }

@@ -9,8 +9,8 @@ use fuseline_deadline::{
 };
 use fuseline_engine::{CapacityErrors, Commit, Policy, Workload};
 
-use crate::settings::reader::{LocatedValue, ParameterReader};
-use crate::settings::{FLOAT64, Role, Settings, SettingsError};
+use crate::settings::reader::ParameterReader;
+use crate::settings::{FLOAT64, Role, Settings, SettingsError, SettingsFlaw};
 
 /// The type of messages with the vehicle's twist.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
@@ -137,7 +137,7 @@ pub(super) fn read(
     r: &mut ParameterReader,
     commit: Commit,
 ) -> Result<DeadlineSettings, SettingsError> {
-    let LocatedValue { value: kind, origin } = r.choice("policy", &PolicyKind::ALL)?;
+    let kind = r.choice("policy", &PolicyKind::ALL)?;
     let rate = Some(r.figure("policy.rate", None)?).filter(|rate| *rate > 0.0);
     let usual = Parameters::default();
     let period = rate.map_or(usual.period_local, Span::of_rate);
@@ -157,7 +157,7 @@ pub(super) fn read(
         cloud: figure("accuracy_cloud")?,
         price_per_ms: figure("price_per_ms")?,
     };
-    let probe_every = r.integer("policy.probe_every", None)?.value;
+    let probe_every = r.integer("policy.probe_every", None)?;
     let parameters = Parameters {
         deceleration: MetresPerSecondSquared(deceleration).into(),
         brake_delay: time(brake_delay).into(),
@@ -177,14 +177,14 @@ pub(super) fn read(
     let speed = speed(r)?;
     let deadlines = DeadlineSettings { kind, parameters, accuracy, probe_every, speed, rate };
     match deadlines.policy() {
-        Err(why) => return Err(SettingsError::Policy { origin, why }),
+        Err(why) => return Err(SettingsError::Policy { origin: r.origin("policy"), why }),
         Ok(Some(policy)) if commit == Commit::Progressive && policy.assumes_one_output() => {
-            return Err(SettingsError::Outputs { origin, policy: kind.as_str() });
+            return Err(r.flaw("policy", SettingsFlaw::Outputs(kind.as_str())));
         }
         Ok(_) => {}
     }
     if kind.goes_by_speed() && deadlines.speed.is_none() {
-        return Err(SettingsError::Speed { origin, policy: kind.as_str() });
+        return Err(r.flaw("policy", SettingsFlaw::Speed(kind.as_str())));
     }
     Ok(deadlines)
 }
@@ -195,7 +195,7 @@ fn time(seconds: f64) -> Duration {
 }
 
 fn speed(r: &mut ParameterReader) -> Result<Option<SpeedTopic>, SettingsError> {
-    let type_name = r.choice("policy.speed_type", &[ODOMETRY, FLOAT64])?.value.to_owned();
+    let type_name = r.choice("policy.speed_type", &[ODOMETRY, FLOAT64])?.to_owned();
     let topic = r.topic("policy.speed_topic", None, &type_name, Role::Subscription)?;
     let age = r.seconds("policy.speed_age")?;
     Ok(topic.map(|topic| SpeedTopic { topic, type_name, age }))

@@ -2,18 +2,21 @@
 
 use std::fmt;
 
-use crate::parameters::{ParameterOverride, Value, ValueOrigin};
-use crate::settings::SettingsError;
-use crate::settings::nearest::nearest;
+use crate::parameters::{Value, ValueOrigin};
+use crate::settings::parameter::{Kind, Preset, Spec};
 
 /// The beginning of the parameters of quality of service.
 pub(super) const PREFIX: &str = "qos_overrides.";
-/// The policies that can be set, with a description and the values expected.
-const POLICIES: [(&str, &str, &str); 4] = [
-    ("reliability", "Whether lost messages are sent again", "reliable or best_effort"),
-    ("durability", "Whether late subscribers get earlier messages", "volatile or transient_local"),
-    ("history", "Which messages are kept", "keep_last"),
-    ("depth", "How many messages are kept", "an integer from 1 to 1024"),
+/// The policies that can be set.
+const POLICIES: [Spec; 4] = [
+    policy("reliability", &["reliable", "best_effort"], "Whether lost messages are sent again"),
+    policy(
+        "durability",
+        &["volatile", "transient_local"],
+        "Whether late subscribers get earlier messages",
+    ),
+    policy("history", &["keep_last"], "Which messages are kept"),
+    Spec { kind: Kind::Integer(1, 1024), ..policy("depth", &[], "How many messages are kept") },
 ];
 
 /// A topic of the node.
@@ -60,6 +63,24 @@ impl Qos {
     pub const fn of(role: Role) -> Self {
         Self { reliable: matches!(role, Role::Publisher), transient_local: false, depth: 5 }
     }
+
+    /// Sets a policy to a value that it accepts. The history has only one.
+    pub(super) fn set(&mut self, policy: &str, value: &Value) {
+        match (policy, value) {
+            ("reliability", Value::String(word)) => self.reliable = word == "reliable",
+            ("durability", Value::String(word)) => self.transient_local = word == "transient_local",
+            ("depth", Value::Integer(depth)) => {
+                self.depth = u16::try_from(*depth).unwrap_or(self.depth);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Topic {
+    fn parameter(&self, policy: &Spec) -> String {
+        format!("{PREFIX}{}.{}.{}", self.name, self.role, policy.name)
+    }
 }
 
 impl fmt::Display for Role {
@@ -79,56 +100,19 @@ impl fmt::Display for Qos {
     }
 }
 
-/// Applies `<topic>.<role>.<policy>` to one of the topics; returns the policy's description and the values expected.
-pub(super) fn apply(
-    topics: &mut [Topic],
-    name: &str,
-    parameter: &ParameterOverride,
-) -> Result<(&'static str, &'static str), SettingsError> {
-    let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
-    for topic in topics.iter_mut() {
-        for (policy, about, expected) in POLICIES {
-            if of(topic, policy) == name {
-                return match set(&mut topic.qos, policy, &parameter.value) {
-                    Some(()) => Ok((about, expected)),
-                    None => Err(SettingsError::Value {
-                        origin: parameter.origin.clone(),
-                        name: parameter.name.clone(),
-                        value: parameter.value.clone(),
-                        expected: expected.to_owned(),
-                    }),
-                };
-            }
-        }
-    }
-    let names = topics.iter().flat_map(|topic| {
-        POLICIES.iter().map(move |(policy, ..)| format!("{PREFIX}{}", of(topic, policy)))
-    });
-    let names: Vec<String> = names.collect();
-    let nearest = nearest(&parameter.name, names.iter().map(String::as_str));
-    Err(SettingsError::Unknown {
-        origin: parameter.origin.clone(),
-        name: parameter.name.clone(),
-        nearest,
-    })
+const fn policy(name: &'static str, words: &'static [&'static str], about: &'static str) -> Spec {
+    let (kind, preset) = (Kind::Words(words), Preset::Nothing);
+    Spec { name, kind, preset, at_run_time: false, about }
 }
 
-fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {
-    match (policy, value) {
-        ("reliability", Value::String(value)) => {
-            qos.reliable = one_of(value, ["best_effort", "reliable"])?;
-        }
-        ("durability", Value::String(value)) => {
-            qos.transient_local = one_of(value, ["volatile", "transient_local"])?;
-        }
-        ("history", Value::String(value)) if value == "keep_last" => {}
-        ("depth", Value::Integer(depth @ 1..=1024)) => qos.depth = u16::try_from(*depth).ok()?,
-        _ => return None,
-    }
-    Some(())
+/// Returns the topic and the policy that a parameter is about.
+pub(super) fn find(topics: &[Topic], name: &str) -> Option<(usize, Spec)> {
+    let of = |topic: &Topic| POLICIES.into_iter().find(|policy| topic.parameter(policy) == name);
+    topics.iter().enumerate().find_map(|(at, topic)| Some((at, of(topic)?)))
 }
 
-/// Returns whether the value is the second of two words, or `None` if it is neither.
-fn one_of(value: &str, [no, yes]: [&str; 2]) -> Option<bool> {
-    (value == no || value == yes).then_some(value == yes)
+/// Returns the names of all parameters of quality of service that the topics have.
+pub(super) fn names(topics: &[Topic]) -> Vec<String> {
+    let of = |topic: &Topic| POLICIES.map(|policy| topic.parameter(&policy));
+    topics.iter().flat_map(of).collect()
 }

@@ -8,16 +8,16 @@ use crate::names::{NodeName, Remap, check_token};
 use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Kind, Parameter, Preset, Spec, is_of_a_cloud, spec};
-use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::seconds::{DeadlineBound, GREATEST_DEADLINE, own_seconds, seconds_of};
-use crate::settings::{SettingsError, qos};
+use crate::settings::qos::{self, Qos, Role, Topic};
+use crate::settings::{SettingsError, SettingsFlaw};
 
 /// The parameters given and not read yet, and those read.
 pub(super) struct ParameterReader<'a> {
     overrides: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
-    deadlines: DeadlineBound,
+    /// The longest deadline that is accepted.
+    greatest: Duration,
     /// The parameters that were read.
     pub(super) declared: Vec<Parameter>,
     /// The topics among it.
@@ -26,42 +26,29 @@ pub(super) struct ParameterReader<'a> {
     pub(super) own_names: Vec<String>,
 }
 
-/// A value and where it comes from.
-pub(super) struct LocatedValue<T> {
-    pub(super) value: T,
-    pub(super) origin: ValueOrigin,
-}
-
 impl<'a> ParameterReader<'a> {
     pub(super) fn new(
         overrides: BTreeMap<String, ParameterOverride>,
         node: NodeName,
         remaps: &'a [Remap],
     ) -> Self {
-        let deadlines = DeadlineBound(Duration::MAX);
         let (declared, topics, own_names) = (Vec::new(), Vec::new(), Vec::new());
-        Self { overrides, node, remaps, deadlines, declared, topics, own_names }
+        Self { overrides, node, remaps, greatest: Duration::MAX, declared, topics, own_names }
     }
 
-    /// Reads a parameter with `convert`; `default` is for one whose line in the table has none.
-    pub(super) fn read<T>(
-        &mut self,
-        name: &str,
-        default: Option<Value>,
-        convert: impl FnOnce(&Value) -> Option<T>,
-    ) -> Result<LocatedValue<T>, SettingsError> {
-        self.read_as(name, line(name).kind, default, convert)
+    /// Reads a parameter; `default` is for one whose line in the table has none.
+    fn read(&mut self, name: &str, default: Option<Value>) -> Result<Value, SettingsError> {
+        self.read_as(name, *line(name), default)
     }
 
-    fn read_as<T>(
+    fn read_as(
         &mut self,
         name: &str,
-        kind: Kind,
+        spec: Spec,
         default: Option<Value>,
-        convert: impl FnOnce(&Value) -> Option<T>,
-    ) -> Result<LocatedValue<T>, SettingsError> {
-        let Spec { preset, at_run_time, about, .. } = *line(name);
-        let default = default.or_else(|| preset.value()).unwrap_or(Value::String(String::new()));
+    ) -> Result<Value, SettingsError> {
+        let default =
+            default.or_else(|| spec.preset.value()).unwrap_or(Value::String(String::new()));
         let is_double = matches!(default, Value::Double(_));
         let (value, origin) = match self.overrides.remove(name) {
             Some(parameter) => (parameter.value, parameter.origin),
@@ -71,41 +58,41 @@ impl<'a> ParameterReader<'a> {
             Some(number) if is_double => Value::Double(number),
             Some(_) | None => value,
         };
-        let (name, expected) = (name.to_owned(), kind.expected(self.deadlines));
-        let Some(converted) = convert(&value) else {
-            return Err(SettingsError::Value { origin, name, value, expected });
-        };
-        let (range, located) = (kind.range(self.deadlines), origin.clone());
-        let origin = located.clone();
-        self.declared.push(Parameter { name, value, about, expected, range, at_run_time, origin });
-        Ok(LocatedValue { value: converted, origin: located })
+        self.declare(Parameter { name: name.to_owned(), value: value.clone(), spec, origin })?;
+        Ok(value)
+    }
+
+    fn declare(&mut self, parameter: Parameter) -> Result<(), SettingsError> {
+        let is_accepted = parameter.spec.kind.accepts(&parameter.value, self.greatest);
+        let name = parameter.name.clone();
+        self.declared.push(parameter);
+        if is_accepted { Ok(()) } else { Err(self.refused(&name)) }
     }
 
     pub(super) fn text(
         &mut self,
         name: &str,
         default: Option<&str>,
-    ) -> Result<LocatedValue<String>, SettingsError> {
-        let default = default.map(|default| Value::String(default.to_owned()));
-        self.read(name, default, |value| match value {
-            Value::String(text) => Some(text.clone()),
-            _ => None,
-        })
+    ) -> Result<String, SettingsError> {
+        match self.read(name, default.map(|default| Value::String(default.to_owned())))? {
+            Value::String(text) => Ok(text),
+            other => unreachable!("{name} is {other}"),
+        }
     }
 
     /// Reads a list of texts.
-    pub(super) fn names(&mut self, name: &str) -> Result<LocatedValue<Vec<String>>, SettingsError> {
-        self.read(name, None, |value| match value {
-            Value::Strings(names) => Some(names.clone()),
-            _ => None,
-        })
+    pub(super) fn names(&mut self, name: &str) -> Result<Vec<String>, SettingsError> {
+        match self.read(name, None)? {
+            Value::Strings(names) => Ok(names),
+            other => unreachable!("{name} is {other}"),
+        }
     }
 
     pub(super) fn integer<T: TryFrom<i64>>(
         &mut self,
         name: &str,
         default: Option<i64>,
-    ) -> Result<LocatedValue<T>, SettingsError> {
+    ) -> Result<T, SettingsError> {
         self.integer_up_to(name, i64::MAX, default)
     }
 
@@ -115,16 +102,16 @@ impl<'a> ParameterReader<'a> {
         name: &str,
         bound: i64,
         default: Option<i64>,
-    ) -> Result<LocatedValue<T>, SettingsError> {
-        let Kind::Integer(least, most) = line(name).kind else {
-            unreachable!("{name} is an integer")
-        };
-        let most = most.min(bound);
-        let (kind, default) = (Kind::Integer(least, most), default.map(Value::Integer));
-        self.read_as(name, kind, default, |value| match value {
-            Value::Integer(it) if (least..=most).contains(it) => T::try_from(*it).ok(),
-            _ => None,
-        })
+    ) -> Result<T, SettingsError> {
+        let mut spec = *line(name);
+        if let Kind::Integer(_, most) = &mut spec.kind {
+            *most = bound.min(*most);
+        }
+        match self.read_as(name, spec, default.map(Value::Integer))? {
+            Value::Integer(integer) => Ok(T::try_from(integer)
+                .unwrap_or_else(|_| unreachable!("{name} has narrower bounds in the table"))),
+            other => unreachable!("{name} is {other}"),
+        }
     }
 
     /// Reads one of these words, each with what it means; the table has them in the same order.
@@ -132,41 +119,28 @@ impl<'a> ParameterReader<'a> {
         &mut self,
         name: &str,
         meanings: &[T],
-    ) -> Result<LocatedValue<T>, SettingsError> {
+    ) -> Result<T, SettingsError> {
         let Kind::Words(words) = line(name).kind else { unreachable!("{name} is a word") };
-        self.read(name, None, |value| match value {
-            Value::String(word) => {
-                words.iter().zip(meanings).find(|(it, _)| *it == word).map(|(_, it)| *it)
-            }
-            _ => None,
-        })
+        let chosen = self.text(name, None)?;
+        let at = words.iter().position(|word| *word == chosen);
+        Ok(meanings[at.unwrap_or_else(|| unreachable!("{name} is {chosen}"))])
     }
 
     pub(super) fn flag(&mut self, name: &str) -> Result<bool, SettingsError> {
-        let flag = self.read(name, None, |value| match value {
-            Value::Bool(flag) => Some(*flag),
-            _ => None,
-        });
-        flag.map(|flag| flag.value)
+        Ok(self.read(name, None)? == Value::Bool(true))
     }
 
     /// Reads a time, by the kind of the parameter.
     pub(super) fn seconds(&mut self, name: &str) -> Result<Duration, SettingsError> {
-        let (kind, bound) = (line(name).kind, self.deadlines);
-        let seconds = self.read(name, None, |value| match kind {
-            Kind::Deadline => bound.deadline(value),
-            Kind::OwnDeadline => bound.own_deadline(value),
-            Kind::SecondsOr(_) => own_seconds(value),
-            _ => seconds_of(value),
-        });
-        seconds.map(|seconds| seconds.value)
+        let seconds = self.read(name, None)?;
+        let time = line(name).kind.time(&seconds, self.greatest);
+        Ok(time.unwrap_or_else(|| unreachable!("{name} is {seconds}")))
     }
 
     /// Reads the greatest deadline, which bounds those that are read after it.
     pub(super) fn greatest_deadline(&mut self) -> Result<Duration, SettingsError> {
-        let greatest = self.seconds(GREATEST_DEADLINE)?;
-        self.deadlines = DeadlineBound(greatest);
-        Ok(greatest)
+        self.greatest = self.seconds("greatest_deadline")?;
+        Ok(self.greatest)
     }
 
     /// Reads a number of at least 0.
@@ -175,27 +149,28 @@ impl<'a> ParameterReader<'a> {
         name: &str,
         default: Option<f64>,
     ) -> Result<f64, SettingsError> {
-        let figure = self.read(name, default.map(Value::Double), |value| {
-            value.number().filter(|number| number.is_finite() && *number >= 0.0)
-        });
-        figure.map(|figure| figure.value)
-    }
-
-    /// Returns an error about a parameter that was read.
-    pub(super) fn out_of_range(&self, name: &str) -> SettingsError {
-        let read = self.declared.iter().find(|declared| declared.name == name);
-        let (value, origin) = match read {
-            Some(Parameter { value, origin, .. }) => (value.clone(), origin.clone()),
-            None => (Value::Double(0.0), ValueOrigin::Default),
-        };
-        let (name, expected) = (name.to_owned(), line(name).kind.expected(self.deadlines));
-        SettingsError::Value { origin, name, value, expected }
+        let figure = self.read(name, default.map(Value::Double))?;
+        Ok(figure.number().unwrap_or_else(|| unreachable!("{name} is {figure}")))
     }
 
     /// Reads a file's path; `None` if it is empty, which is the default.
     pub(super) fn path(&mut self, name: &str) -> Result<Option<PathBuf>, SettingsError> {
-        let path = self.text(name, None)?.value;
-        Ok(Some(path).filter(|path| !path.is_empty()).map(PathBuf::from))
+        Ok(Some(self.text(name, None)?).filter(|path| !path.is_empty()).map(PathBuf::from))
+    }
+
+    /// Returns the error about a flaw of a parameter, whether it was read or not.
+    pub(super) fn flaw(&self, name: &str, flaw: SettingsFlaw) -> SettingsError {
+        SettingsError::Flaw { origin: self.origin(name), name: name.to_owned(), flaw }
+    }
+
+    /// Returns the error about the value of a parameter that was read.
+    pub(super) fn refused(&self, name: &str) -> SettingsError {
+        let mut read = self.declared.iter().filter(|declared| declared.name == name);
+        let Some(Parameter { value, spec, .. }) = read.next() else {
+            unreachable!("{name} was read")
+        };
+        let expected = spec.kind.expected(self.greatest);
+        self.flaw(name, SettingsFlaw::Value(value.clone(), expected))
     }
 
     /// Reads a topic, and returns its full name; `None` if it is empty, and so is its default.
@@ -206,11 +181,11 @@ impl<'a> ParameterReader<'a> {
         type_name: &str,
         role: Role,
     ) -> Result<Option<String>, SettingsError> {
-        let LocatedValue { value, origin } = self.text(parameter, default)?;
+        let value = self.text(parameter, default)?;
         if value.is_empty() && matches!(line(parameter).preset, Preset::Text("")) {
             return Ok(None);
         }
-        self.add_topic(parameter.to_owned(), &value, origin, type_name, role).map(Some)
+        self.add_topic(parameter, &value, type_name, role).map(Some)
     }
 
     /// Reads a topic that must have a name.
@@ -221,8 +196,8 @@ impl<'a> ParameterReader<'a> {
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let LocatedValue { value, origin } = self.text(parameter, default)?;
-        self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
+        let value = self.text(parameter, default)?;
+        self.add_topic(parameter, &value, type_name, role)
     }
 
     /// Adds a published topic that has no parameter, and returns its full name.
@@ -231,36 +206,31 @@ impl<'a> ParameterReader<'a> {
         name: &str,
         type_name: &str,
     ) -> Result<String, SettingsError> {
-        self.add_topic(name.to_owned(), name, ValueOrigin::Default, type_name, Role::Publisher)
+        self.add_topic(name, name, type_name, Role::Publisher)
     }
 
     fn add_topic(
         &mut self,
-        purpose: String,
+        purpose: &str,
         value: &str,
-        origin: ValueOrigin,
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let name = match self.node.topic(value, self.remaps) {
-            Ok(name) => name,
-            Err(source) => {
-                let topic = value.to_owned();
-                return Err(SettingsError::Topic { origin, name: purpose, topic, source });
-            }
-        };
+        let named = self.node.topic(value, self.remaps);
+        let name =
+            named.map_err(|why| self.flaw(purpose, SettingsFlaw::Topic(value.to_owned(), why)))?;
         let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
-        let origin = match origin {
+        let origin = match self.origin(purpose) {
             ValueOrigin::Default if is_remapped => ValueOrigin::Argument("--remap".to_owned()),
             origin => origin,
         };
         // The node would receive its own messages, or would not know whose message it received.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
             let origin = if origin == ValueOrigin::Default { other.origin.clone() } else { origin };
-            let other = other.purpose.clone();
-            return Err(SettingsError::Shared { origin, name: purpose, topic: name, other });
+            let flaw = SettingsFlaw::Shared(name, other.purpose.clone());
+            return Err(SettingsError::Flaw { origin, name: purpose.to_owned(), flaw });
         }
-        let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
+        let (type_name, qos, purpose) = (type_name.to_owned(), Qos::of(role), purpose.to_owned());
         self.own_names.push(value.to_owned());
         self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, origin });
         Ok(name)
@@ -273,35 +243,22 @@ impl<'a> ParameterReader<'a> {
     pub(super) fn apply_rest(&mut self) -> Result<Vec<String>, SettingsError> {
         let mut idle = Vec::new();
         for parameter in std::mem::take(&mut self.overrides).into_values() {
-            let applied = match parameter.name.strip_prefix(qos::PREFIX) {
-                Some(rest) => qos::apply(&mut self.topics, rest, &parameter),
-                None => Err(self.unknown(&parameter)),
-            };
-            match applied {
-                Ok((about, expected)) => self.declared.push(Parameter {
-                    name: parameter.name,
-                    value: parameter.value,
-                    about,
-                    expected: expected.to_owned(),
-                    range: None,
-                    at_run_time: false,
-                    origin: parameter.origin,
-                }),
-                Err(error @ (SettingsError::Unknown { .. } | SettingsError::NoCloud { .. }))
-                    if parameter.is_shared && !self.is_meant(&parameter.name, &error) =>
-                {
-                    idle.push(match error {
-                        SettingsError::NoCloud { .. } => {
-                            format!("{error}, unless it is another node's")
-                        }
-                        _ => format!(
-                            "{}: {} is no parameter of this node, and counts as another node's",
-                            parameter.origin, parameter.name
-                        ),
-                    });
-                }
-                Err(error) => return Err(error),
+            let ParameterOverride { name, value, origin, is_shared } = parameter;
+            if let Some((topic, spec)) = qos::find(&self.topics, &name) {
+                self.declare(Parameter { name, value: value.clone(), spec, origin })?;
+                self.topics[topic].qos.set(spec.name, &value);
+                continue;
             }
+            let unknown = self.unknown(&name, origin);
+            if !is_shared || self.is_meant(&name, &unknown) {
+                return Err(unknown);
+            }
+            idle.push(match unknown {
+                SettingsError::Unknown { origin, .. } => format!(
+                    "{origin}: {name} is no parameter of this node, and counts as another node's"
+                ),
+                of_a_cloud => format!("{of_a_cloud}, unless it is another node's"),
+            });
         }
         Ok(idle)
     }
@@ -326,23 +283,31 @@ impl<'a> ParameterReader<'a> {
         self.overrides.contains_key(name)
     }
 
-    /// Returns the place where a parameter is given, if it is.
-    pub(super) fn origin(&self, name: &str) -> Option<ValueOrigin> {
-        self.overrides.get(name).map(|parameter| parameter.origin.clone())
+    /// Returns the origin of a parameter's value, whether it was read or not.
+    pub(super) fn origin(&self, name: &str) -> ValueOrigin {
+        let given = self.overrides.get(name).map(|parameter| &parameter.origin);
+        let mut declared = self.declared.iter().filter(|declared| declared.name == name);
+        let origin = given.or_else(|| declared.next().map(|declared| &declared.origin));
+        origin.cloned().unwrap_or(ValueOrigin::Default)
     }
 
-    fn unknown(&self, parameter: &ParameterOverride) -> SettingsError {
-        let (origin, name) = (parameter.origin.clone(), parameter.name.clone());
+    /// Returns the error about a name that no parameter has.
+    fn unknown(&self, name: &str, origin: ValueOrigin) -> SettingsError {
+        let name = name.to_owned();
+        if name.starts_with(qos::PREFIX) {
+            let names = qos::names(&self.topics);
+            let nearest = nearest(&name, names.iter().map(String::as_str));
+            return SettingsError::Unknown { origin, name, nearest };
+        }
         if let Some((cloud, part)) = name.split_once('.')
             && is_of_a_cloud(part)
             && check_token(cloud).is_ok()
             && !self.declared.iter().any(|known| known.name == format!("{cloud}.deadline"))
         {
-            let cloud = cloud.to_owned();
-            return SettingsError::NoCloud { origin, name, cloud };
+            let flaw = SettingsFlaw::NoCloud(cloud.to_owned());
+            return SettingsError::Flaw { origin, name, flaw };
         }
-        let names = self.declared.iter().map(|known| known.name.as_str());
-        let nearest = nearest(&name, names);
+        let nearest = nearest(&name, self.declared.iter().map(|known| known.name.as_str()));
         SettingsError::Unknown { origin, name, nearest }
     }
 }

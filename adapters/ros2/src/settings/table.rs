@@ -39,7 +39,7 @@ impl fmt::Display for Settings {
         }
         let mut parameters = table(["parameter", "value", "from", "while running"]);
         for parameter in &self.declared {
-            let change = if parameter.at_run_time { "may change" } else { "fixed" };
+            let change = if parameter.spec.at_run_time { "may change" } else { "fixed" };
             parameters.add_row([
                 parameter.name.clone(),
                 parameter.value.to_string(),

@@ -190,7 +190,7 @@ fn everything_can_be_set() {
     assert_eq!(all.qos("/car/west/out", Role::Subscription), qos(false, false, 5));
     assert_eq!(all.topics.len(), 10);
     let deadline = all.declared.iter().find(|parameter| parameter.name == "deadline").unwrap();
-    assert_eq!((&deadline.value, deadline.at_run_time), (&Value::Double(1.0), true));
+    assert_eq!((&deadline.value, deadline.spec.at_run_time), (&Value::Double(1.0), true));
 }
 
 #[test]
@@ -465,7 +465,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
     for (name, value, error) in cases {
         assert_eq!(change(name, value), Err(error.to_owned()));
     }
-    let dynamic = all.declared.iter().filter(|parameter| parameter.at_run_time);
+    let dynamic = all.declared.iter().filter(|parameter| parameter.spec.at_run_time);
     let dynamic: Vec<_> = dynamic.map(|parameter| parameter.name.as_str()).collect();
     let expected = [
         "deadline",
@@ -478,7 +478,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
     ];
     assert_eq!(dynamic, expected);
     // A declared parameter can be set to its own value.
-    for parameter in all.declared.iter().filter(|parameter| parameter.at_run_time) {
+    for parameter in all.declared.iter().filter(|parameter| parameter.spec.at_run_time) {
         assert!(all.check_change(&parameter.name, &parameter.value).is_ok(), "{}", parameter.name);
     }
 }
