@@ -1,7 +1,6 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
 mod census;
-mod handover;
 mod node;
 mod rejoin;
 
@@ -21,10 +20,12 @@ use rustdds::{
 use tokio::time::{Instant, timeout};
 use tracing::warn;
 
-use self::handover::{OpenSubscription, until_met};
 pub(crate) use self::node::RosNode;
 pub(crate) use self::rejoin::Domain;
-use self::rejoin::{DomainHandle, InUse, JoinedParticipant, NewEntity, PATIENCE, RecentIds};
+use self::rejoin::{
+    DomainHandle, InUse, JoinedParticipant, NewEntity, OpenSubscription, PATIENCE, RecentIds,
+    until_met,
+};
 use super::end::{Endpoint, dds_type};
 use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;

@@ -8,8 +8,9 @@
 //!
 //! A new participant has no such samples and its own threads. So everything is created once more in a second participant. It
 //! takes over when it has met the peers that the first one knows, and they have met its publishers. The first one is left when
-//! they have met its subscriptions ([`handover`](super::handover)).
+//! they have met its subscriptions ([`handover`]).
 
+mod handover;
 mod participants;
 mod recent;
 mod wall_clock;
@@ -24,6 +25,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 use tracing::{error, info, warn};
 
+pub(super) use self::handover::{OpenSubscription, until_met};
 use self::participants::FormerParticipant;
 pub(super) use self::participants::{DomainHandle, InUse, JoinedParticipant, Loss, NewEntity};
 pub(super) use self::recent::RecentIds;

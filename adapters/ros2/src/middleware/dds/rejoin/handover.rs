@@ -20,7 +20,7 @@ use crate::settings::Qos;
 const PERIOD: Duration = Duration::from_millis(100);
 
 /// A subscription of a participant's. It ends when this is dropped.
-pub(super) struct OpenSubscription {
+pub(crate) struct OpenSubscription {
     end: Arc<Endpoint>,
     _open: oneshot::Sender<()>,
 }
@@ -28,7 +28,7 @@ pub(super) struct OpenSubscription {
 /// Waits until each reliable subscriber of a new publisher has met it.
 ///
 /// It writes a sample that is for nobody. Subscribers are told that there is nothing under its number, and acknowledge it.
-pub(super) async fn until_met(writer: &DataWriter<Payload, Cdr>, qos: Qos) {
+pub(crate) async fn until_met(writer: &DataWriter<Payload, Cdr>, qos: Qos) {
     // `rustdds` would not tell that to a later subscriber of a transient-local topic, which then waits for the sample.
     if !qos.reliable || qos.transient_local {
         return;
@@ -42,13 +42,13 @@ pub(super) async fn until_met(writer: &DataWriter<Payload, Cdr>, qos: Qos) {
 
 impl OpenSubscription {
     /// Returns it, and what resolves when it ends.
-    pub(super) fn new(end: Arc<Endpoint>) -> (Self, impl Future<Output = ()> + Send + 'static) {
+    pub(crate) fn new(end: Arc<Endpoint>) -> (Self, impl Future<Output = ()> + Send + 'static) {
         let (open, closed) = oneshot::channel();
         (Self { end, _open: open }, async move { drop(closed.await) })
     }
 
     /// Waits until the next one gets all that the publishers of this one send.
-    pub(super) async fn until_followed_by(&self, next: &Endpoint) {
+    pub(crate) async fn until_followed_by(&self, next: &Endpoint) {
         while !next.follows(&self.end) {
             sleep(PERIOD).await;
         }
