@@ -38,19 +38,19 @@ pub(crate) struct Transition {
     pub(crate) to: LifecycleState,
 }
 
-/// All states, in the order of their numbers.
-pub(crate) const STATES: [LifecycleState; 11] = [
-    Unknown,
-    Unconfigured,
-    Inactive,
-    Active,
-    Finalized,
-    Configuring,
-    CleaningUp,
-    ShuttingDown,
-    Activating,
-    Deactivating,
-    ErrorProcessing,
+/// All states with their labels, in the order of their numbers.
+pub(crate) const STATES: [(LifecycleState, &str); 11] = [
+    (Unknown, "unknown"),
+    (Unconfigured, "unconfigured"),
+    (Inactive, "inactive"),
+    (Active, "active"),
+    (Finalized, "finalized"),
+    (Configuring, "configuring"),
+    (CleaningUp, "cleaningup"),
+    (ShuttingDown, "shuttingdown"),
+    (Activating, "activating"),
+    (Deactivating, "deactivating"),
+    (ErrorProcessing, "errorprocessing"),
 ];
 
 const SUCCESS: &str = "transition_success";
@@ -159,20 +159,8 @@ impl LifecycleRequests {
 }
 
 impl LifecycleState {
-    pub(crate) const fn label(self) -> &'static str {
-        match self {
-            Unknown => "unknown",
-            Unconfigured => "unconfigured",
-            Inactive => "inactive",
-            Active => "active",
-            Finalized => "finalized",
-            Configuring => "configuring",
-            CleaningUp => "cleaningup",
-            ShuttingDown => "shuttingdown",
-            Activating => "activating",
-            Deactivating => "deactivating",
-            ErrorProcessing => "errorprocessing",
-        }
+    pub(crate) fn label(self) -> &'static str {
+        STATES.into_iter().find(|(state, _)| *state == self).map_or("", |(_, label)| label)
     }
 
     /// Returns the transitions from here.

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use fuseline_engine::Tally;
+use fuseline_engine::{Tally, lock};
 use tokio::sync::mpsc;
 use tracing::error;
 
@@ -37,7 +37,7 @@ pub(crate) async fn run(
                 finalized(order, stop).await;
                 break;
             }
-            let settings = settings.now();
+            let settings = lock(&settings).clone();
             let outside = ExternalInputs {
                 changes: &mut changes,
                 orders: Some(&mut orders),

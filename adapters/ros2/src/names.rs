@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use crate::settings::{SettingsError, nearest};
+use crate::settings::SettingsError;
 
 /// Topics of other nodes that launch files remap for all of theirs.
 const OF_OTHERS: [&str; 2] = ["/tf", "/tf_static"];
@@ -267,6 +267,12 @@ impl FromStr for Remap {
         };
         Ok(Self { node: node.map(str::to_owned), rule })
     }
+}
+
+/// Returns the name with the fewest typing errors between them.
+pub(crate) fn nearest<'n>(name: &str, names: impl Iterator<Item = &'n str>) -> String {
+    let nearest = names.min_by_key(|known| strsim::damerau_levenshtein(name, known));
+    nearest.unwrap_or_default().to_owned()
 }
 
 /// Checks one part of a name: letters, digits and single underscores, not beginning with a digit.

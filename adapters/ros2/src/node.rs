@@ -13,13 +13,13 @@ use tracing::info;
 use crate::error::NodeError;
 use crate::fusion::{InputChannels, LoopState, NodeFusion};
 use crate::lifecycle::LifecycleRequests;
-use crate::middleware::{Endpoint, Graph, ReceivedPayload};
+use crate::middleware::{Endpoint, Graph, Publish, ReceivedPayload};
 use crate::raw::Payload;
 use crate::realtime;
 use crate::recordings::{self, CreatedFiles};
 use crate::report::Reporter;
 use crate::rosout::PendingLogs;
-use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
+use crate::settings::{self, Change, Settings, SpeedTopic, Topic};
 use crate::source::{Handle, NodeSource, Route, UnmatchedResults, call};
 use crate::speed::Speed;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
@@ -79,34 +79,21 @@ pub(crate) fn open<'a>(
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
     let sources = sources(settings, graph, &arrived)?;
-    let stream = &settings.output;
-    let qos = settings.qos(&stream.topic, Role::Publisher);
-    let own = settings.middleware;
-    let output = graph.publisher(own, &stream.topic, &stream.type_name, qos)?;
-    let revisions = match &settings.revisions {
-        None => None,
-        Some(topic) => {
-            let qos = settings.qos(topic, Role::Publisher);
-            Some(graph.publisher(own, topic, &stream.type_name, qos)?)
-        }
-    };
+    let output = publisher(graph, settings, &settings.output.topic)?;
+    let revisions = settings.revisions.as_ref();
+    let revisions = revisions.map(|topic| publisher(graph, settings, topic)).transpose()?;
     let (sender, inputs) = mpsc::channel(1);
-    let input = &settings.input;
-    let qos = settings.qos(&input.topic, Role::Subscription);
-    let input_end = graph.subscribe(own, &input.topic, &input.type_name, qos, move |sample| {
-        let sender = sender.clone();
-        async move { drop(sender.send(sample).await) }
-    })?;
+    let input_end = subscribe(graph, settings, &settings.input.topic, sender, |it| it)?;
     input_end.expect(settings.silence);
     let mut ends = vec![input_end, Arc::clone(output.end())];
     ends.extend(revisions.as_ref().map(|revisions| Arc::clone(revisions.end())));
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
-        ends.push(latest(graph, settings, topic, "std_msgs/msg/Float64", decided)?);
+        ends.push(latest(graph, settings, topic, decided)?);
     }
     let (reported, speeds) = mpsc::channel(1);
-    if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
-        ends.push(latest(graph, settings, topic, type_name, reported)?);
+    if let Some(SpeedTopic { topic, .. }) = &settings.deadlines.speed {
+        ends.push(latest(graph, settings, topic, reported)?);
     }
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -171,7 +158,7 @@ pub fn check(settings: &Settings) -> Result<(), NodeError> {
     engine_config(settings)?.check()?;
     recordings::check(settings)?;
     #[cfg(feature = "zenoh")]
-    if settings.needs(Middleware::Zenoh) {
+    if settings.needs(settings::Middleware::Zenoh) {
         crate::middleware::zenoh::config::from_environment()?;
     }
     for cloud in &settings.clouds {
@@ -238,14 +225,7 @@ fn sources(
     let mut sources = vec![NodeSource {
         priority: 0,
         name: "local".into(),
-        route: topics(
-            graph,
-            settings,
-            local.middleware,
-            [&local.input, &local.output],
-            arrived,
-            0,
-        )?,
+        route: topics(graph, settings, [&local.input, &local.output], arrived, 0)?,
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
@@ -253,23 +233,13 @@ fn sources(
     }];
     for (index, cloud) in (1..).zip(&settings.clouds) {
         let route = match &cloud.way {
-            settings::CloudConnection::Topics { middleware, input, output } => {
-                topics(graph, settings, *middleware, [input, output], arrived, index)?
+            settings::CloudConnection::Topics { input, output, .. } => {
+                topics(graph, settings, [input, output], arrived, index)?
             }
             settings::CloudConnection::Grpc(grpc) => Route::Grpc(handle(cloud, grpc)?),
         };
-        let hints = match &cloud.hints {
-            None => None,
-            Some(topic) => {
-                let qos = settings.qos(topic, Role::Publisher);
-                Some(graph.publisher(
-                    settings.middleware,
-                    topic,
-                    &settings.output.type_name,
-                    qos,
-                )?)
-            }
-        };
+        let hints = cloud.hints.as_ref();
+        let hints = hints.map(|topic| publisher(graph, settings, topic)).transpose()?;
         sources.push(NodeSource {
             priority: cloud.priority,
             name: cloud.name.clone(),
@@ -286,20 +256,13 @@ fn sources(
 fn topics(
     graph: &mut Graph,
     settings: &Settings,
-    middleware: Middleware,
     [requests, results]: [&str; 2],
     arrived: &mpsc::Sender<(usize, ReceivedPayload)>,
     index: usize,
 ) -> Result<Route, NodeError> {
-    let qos = settings.qos(requests, Role::Publisher);
-    let requests = graph.publisher(middleware, requests, &settings.input.type_name, qos)?;
-    let qos = settings.qos(results, Role::Subscription);
-    let arrived = arrived.clone();
+    let requests = publisher(graph, settings, requests)?;
     let results =
-        graph.subscribe(middleware, results, &settings.output.type_name, qos, move |sample| {
-            let arrived = arrived.clone();
-            async move { drop(arrived.send((index, sample)).await) }
-        })?;
+        subscribe(graph, settings, results, arrived.clone(), move |sample| (index, sample))?;
     Ok(Route::Topics { requests, results })
 }
 
@@ -308,14 +271,33 @@ fn latest(
     graph: &mut Graph,
     settings: &Settings,
     topic: &str,
-    type_name: &str,
     received: mpsc::Sender<ReceivedPayload>,
 ) -> Result<Arc<Endpoint>, NodeError> {
-    let qos = settings.qos(topic, Role::Subscription);
-    let end = graph.subscribe(settings.middleware, topic, type_name, qos, move |sample| {
-        let received = received.clone();
-        async move { drop(received.send(sample).await) }
-    })?;
+    let end = subscribe(graph, settings, topic, received, |it| it)?;
     end.patience(Some(Duration::MAX));
     Ok(end)
+}
+
+fn publisher(
+    graph: &mut Graph,
+    settings: &Settings,
+    name: &str,
+) -> Result<Box<dyn Publish>, NodeError> {
+    let Topic { type_name, qos, .. } = settings.topic(name);
+    graph.publisher(settings.middleware_of(name), name, type_name, *qos)
+}
+
+/// Subscribes to a topic; `sender` gets what `received` makes of each sample.
+fn subscribe<T: Send + 'static>(
+    graph: &mut Graph,
+    settings: &Settings,
+    name: &str,
+    sender: mpsc::Sender<T>,
+    received: impl Fn(ReceivedPayload) -> T + Send + Sync + 'static,
+) -> Result<Arc<Endpoint>, NodeError> {
+    let Topic { type_name, qos, .. } = settings.topic(name);
+    graph.subscribe(settings.middleware_of(name), name, type_name, *qos, move |sample| {
+        let (sender, received) = (sender.clone(), received(sample));
+        async move { drop(sender.send(received).await) }
+    })
 }

@@ -4,11 +4,9 @@ mod budget;
 mod cautions;
 mod change;
 mod clouds;
-mod current;
 mod environment;
 mod error;
 mod middleware;
-mod nearest;
 mod parameter;
 mod policy;
 mod qos;
@@ -27,11 +25,9 @@ use crate::names::NodeName;
 use crate::parameters::{Value, ValueOrigin, given};
 pub use crate::settings::budget::EndToEndSettings;
 pub use crate::settings::change::{Change, ChangeError};
-pub(crate) use crate::settings::current::Current;
 use crate::settings::environment::Environment;
 pub use crate::settings::error::{SettingsError, SettingsFlaw};
 pub use crate::settings::middleware::Middleware;
-pub(crate) use crate::settings::nearest::nearest;
 use crate::settings::parameter::none_if_zero;
 pub use crate::settings::parameter::{Kind, Parameter, Preset, Spec, TABLE, seconds};
 pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
@@ -249,16 +245,18 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Returns the quality of service of a topic of the node, or the default for that role.
+    /// Returns the topic with this full name.
+    ///
+    /// # Panics
+    /// Panics if the node has no such topic.
     #[must_use]
-    pub fn qos(&self, topic: &str, role: Role) -> Qos {
+    pub fn topic(&self, name: &str) -> &Topic {
         let mut topics = self.topics.iter();
-        let found = topics.find(|other| other.name == topic && other.role == role);
-        found.map_or_else(|| Qos::of(role), |topic| topic.qos)
+        topics
+            .find(|topic| topic.name == name)
+            .unwrap_or_else(|| panic!("there is no topic {name}"))
     }
-}
 
-impl Settings {
     /// Returns the parameter with this name.
     pub(crate) fn parameter(&self, name: &str) -> Option<&Parameter> {
         self.declared.iter().find(|parameter| parameter.name == name)

@@ -1,6 +1,6 @@
 //! Publishes the node's statuses and diagnostics, and its presence in ROS.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use ros2_client::Log;
 use ros2_client::parameters::raw::{Parameter, ParameterEvent};
@@ -15,7 +15,7 @@ use crate::parameters::services::{NodeParameters, ParameterCallback, ParameterSe
 use crate::parameters::{Value, ros};
 use crate::report::{self, DiagnosticArray, DiagnosticStatus};
 use crate::rosout::PendingLogs;
-use crate::settings::{Change, Current, Qos, Settings};
+use crate::settings::{Change, Qos, Settings};
 
 /// Publishes what the node reports.
 pub(crate) trait PublishStatus: Send {
@@ -36,7 +36,8 @@ pub(crate) struct StatusPublisher {
 /// The node as ROS sees it, whether or not its topics are open.
 pub(crate) struct NodeInterface {
     pub(crate) status_publisher: Arc<StatusPublisher>,
-    pub(crate) settings: Current,
+    /// The settings with what was set since the start.
+    pub(crate) settings: Arc<Mutex<Settings>>,
     /// Returns the parameters that were set since the last call.
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
     /// The requests to a managed node's lifecycle; a plain one has none.
@@ -53,7 +54,7 @@ impl StatusPublisher {
         lines: Option<PendingLogs>,
     ) -> Result<NodeInterface, NodeError> {
         let (setter, changes) = mpsc::unbounded_channel();
-        let current = Current::new(settings.clone());
+        let current = Arc::new(Mutex::new(settings.clone()));
         let mut tasks = JoinSet::new();
         graph.show(settings)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
@@ -84,7 +85,7 @@ impl StatusPublisher {
             setting.set(name, value);
             events(changed(&node, name, value));
         });
-        let parameters = NodeParameters { settings: current.clone(), setter, set };
+        let parameters = NodeParameters { settings: Arc::clone(&current), setter, set };
         tasks.spawn(services.run(parameters));
         let status_publisher = Arc::new(Self { clock, diagnostics, status });
         Ok(NodeInterface { status_publisher, settings: current, changes, orders, tasks })

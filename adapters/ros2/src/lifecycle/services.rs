@@ -90,7 +90,7 @@ impl LifecycleServices {
                     requested.answer(|_| CurrentState { current_state: state.into() });
                 }
                 Some(requested) = self.states.recv() => requested.answer(|_| AvailableStates {
-                    available_states: STATES.map(Into::into).to_vec(),
+                    available_states: STATES.map(|(state, _)| state.into()).to_vec(),
                 }),
                 Some(requested) = self.transitions.recv() => requested.answer(|_| described(state.transitions().collect())),
                 Some(requested) = self.graph.recv() => requested.answer(|_| described(TRANSITIONS.to_vec())),

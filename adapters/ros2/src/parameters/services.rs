@@ -1,7 +1,9 @@
 //! The six services by which `ros2 param` sees and sets the parameters of a node that runs.
 
 use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
 
+use fuseline_engine::lock;
 use ros2_client::parameters::raw::{
     FloatingPointRange, IntegerRange, Parameter as Raw, ParameterDescriptor, ParameterValue,
     SetParametersResult,
@@ -20,7 +22,7 @@ use super::{Value, ros};
 use crate::error::NodeError;
 use crate::middleware::{Graph, TypeName};
 use crate::service::Requests;
-use crate::settings::{Change, Current, Kind, Parameter};
+use crate::settings::{Change, Kind, Parameter, Settings};
 
 /// The services, and what comes on them.
 pub(crate) struct ParameterServices {
@@ -37,7 +39,8 @@ pub(crate) type ParameterCallback = Box<dyn Fn(&str, &Value) + Send + Sync>;
 
 /// The parameters of a node that runs.
 pub(crate) struct NodeParameters {
-    pub(crate) settings: Current,
+    /// The settings with what was set since the start.
+    pub(crate) settings: Arc<Mutex<Settings>>,
     /// Gets each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
     /// Gets each parameter that was set.
@@ -96,13 +99,13 @@ impl ParameterServices {
 
 impl NodeParameters {
     fn value(&self, name: &str) -> ParameterValue {
-        let settings = self.settings.locked();
+        let settings = lock(&self.settings);
         settings.parameter(name).map_or_else(not_set, |found| ros::value(&found.value))
     }
 
     /// Sets all of them or none.
     fn set(&self, requested: Vec<Raw>) -> SetParametersResult {
-        let mut settings = self.settings.locked();
+        let mut settings = lock(&self.settings);
         let mut next = settings.clone();
         let mut changes = Vec::with_capacity(requested.len());
         for Raw { name, value } in requested {
@@ -141,7 +144,7 @@ impl NodeParameters {
                     }
                 })
         };
-        let settings = self.settings.locked();
+        let settings = lock(&self.settings);
         let names = settings.declared.iter().map(|parameter| parameter.name.clone());
         let names: Vec<String> = names.filter(|name| is_listed(name)).collect();
         let prefixes = names.iter().filter_map(|name| name.rsplit_once('.'));
@@ -150,7 +153,7 @@ impl NodeParameters {
     }
 
     fn describe(&self, name: &str) -> ParameterDescriptor {
-        let settings = self.settings.locked();
+        let settings = lock(&self.settings);
         let mut descriptor = ParameterDescriptor {
             name: name.to_owned(),
             r#type: not_set().ptype,

@@ -75,18 +75,13 @@ pub(super) fn read(text: &str) -> Result<Option<Node>, (Position, YamlError)> {
         let (event, mark) = reader.next()?;
         match event {
             Event::StreamEnd => return Ok(root),
-            Event::Nothing | Event::StreamStart | Event::DocumentEnd => {}
             Event::DocumentStart(_) if root.is_some() => return Err((mark, YamlError::Documents)),
             Event::DocumentStart(_) => {
                 let (event, mark) = reader.next()?;
                 root = Some(reader.node(event, mark, 0)?);
             }
-            Event::Alias(_)
-            | Event::Scalar(..)
-            | Event::SequenceStart(..)
-            | Event::SequenceEnd
-            | Event::MappingStart(..)
-            | Event::MappingEnd => unreachable!("the parser puts values into documents"),
+            // The parser puts values into documents.
+            _ => {}
         }
     }
 }
@@ -131,15 +126,7 @@ impl<'a> YamlReader<'a> {
             | Event::Scalar(..)
             | Event::SequenceStart(..)
             | Event::MappingStart(..) => return Err((mark, YamlError::Alias)),
-            Event::Nothing
-            | Event::StreamStart
-            | Event::StreamEnd
-            | Event::DocumentStart(_)
-            | Event::DocumentEnd
-            | Event::SequenceEnd
-            | Event::MappingEnd => {
-                return Err((mark, YamlError::Syntax("a value is missing".to_owned())));
-            }
+            _ => return Err((mark, YamlError::Syntax("a value is missing".to_owned()))),
         };
         Ok(Node { mark, content })
     }

@@ -5,8 +5,8 @@ use std::time::Duration;
 use fuseline_engine::CapacityErrors;
 use thiserror::Error;
 
+use crate::names::nearest;
 use crate::parameters::Value;
-use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Spec, none_if_zero};
 use crate::settings::{Parameter, Settings};
 

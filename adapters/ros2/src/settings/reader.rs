@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::names::{NodeName, Remap, check_token};
+use crate::names::{NodeName, Remap, check_token, nearest};
 use crate::parameters::{ParameterOverride, Value, ValueOrigin};
-use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Kind, Parameter, Preset, Spec, is_of_a_cloud, spec};
 use crate::settings::qos::{self, Qos, Role, Topic};
 use crate::settings::{SettingsError, SettingsFlaw};
