@@ -1,16 +1,14 @@
-//! The loop without DDS, on a clock that stands still until everybody sleeps. For the same script,
-//! an operator on topics does the same as an operator on streams.
+//! The loop without DDS, on a clock that stands still until everybody sleeps.
 
 mod node;
 mod policy;
 mod simulated;
 
-use std::collections::BTreeMap;
 use std::future::pending;
 use std::sync::atomic::Ordering;
 
 use bytes::Bytes;
-use fuseline_tokio::{Commit, Config, Error, Local, Operator, Setup, spawn, stream};
+use fuseline_tokio::{Commit, Error};
 use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -34,8 +32,7 @@ use SourceAction::{Answers, Fails, Loses, Panics};
 /// The action of a source on each message.
 type Plan = fn(u64) -> SourceAction;
 
-/// A script of events, for either transport: the timestamp of a message is its index.
-#[derive(Clone)]
+/// A script of events. The timestamp of a message is its index.
 struct Script {
     local: Plan,
     /// Clouds of priority 1, 2, …, each with its deadline in milliseconds and its plan.
@@ -76,79 +73,18 @@ fn name(priority: u16) -> String {
     format!("cloud{priority}")
 }
 
-/// A script on streams, with the defaults of the node.
-struct OnStreams(Script, Instant);
-
-impl Operator for OnStreams {
-    type Input = u64;
-    type Output = String;
-
-    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
-        let Self(script, start) = self;
-        for (priority, (deadline, act)) in (1..).zip(script.clouds) {
-            let handle = move |t, _| compute(act(t), name(priority), t, start);
-            let deadline = Duration::from_millis(deadline);
-            setup.use_cloud(handle, move |_, t| Some((t, deadline)), Ok, priority);
-        }
-        let mut local =
-            Local::futures(4, move |_, t| compute((script.local)(t), "local".into(), t, start));
-        local.deadline = Some(1000 * MS);
-        local
-    }
-}
-
-async fn on_streams(script: &Script, commit: Commit) -> Vec<String> {
-    let start = Instant::now();
-    let (mut camera, frames) = stream(1024);
-    let (_running, mut output) =
-        spawn(OnStreams(script.clone(), start), Config { commit, ..Config::default() }, frames)
-            .unwrap();
-    let messages = script.messages.clone();
-    tokio::spawn(async move {
-        for (t, ms) in (0..).zip(messages) {
-            sleep_until(start + Duration::from_millis(ms)).await;
-            camera.write(t).unwrap();
-        }
-    });
-    let mut lines = Vec::new();
-    let mut preliminary = BTreeMap::new();
-    while let Some(item) = output.read().await {
-        let (at, t) = (item.decided.as_millis(), item.timestamp);
-        lines.push(match &item.ending {
-            Ending::Preliminary(it) => {
-                preliminary.insert(t, it.value.clone());
-                line(at, t, &format!("{} as revision {}", it.value, item.revision))
-            }
-            Ending::Final(_) => line(at, t, &format!("{} by F9", preliminary[&t])),
-            Ending::Forwarded(it) => line(at, t, &format!("{} by {}", it.value, it.trigger.id())),
-            Ending::Missed => line(at, t, "missed"),
-            Ending::Refused(why) => line(at, t, &format!("refused: {why}")),
-        });
-    }
-    lines
-}
-
 fn line(at: u128, t: u64, text: &str) -> String {
     format!("{at} ms: {t} {text}")
 }
 
-async fn on_topics(script: &Script, commit: Commit) -> Vec<String> {
+/// Plays a script and compares the statuses and outputs with what is expected.
+async fn play(commit: Commit, script: Script, expected: &[&str]) {
     let commit = format!("commit:={commit}");
     let node = Node::start_with(script.local, &script.clouds, &["-p", &commit]);
     node.feed(0, script.messages.iter().copied()).await;
     let last = script.messages.iter().max().unwrap();
     node.until(last + 3000).await;
-    node.lines()
-}
-
-/// Plays a script on streams and on topics, and compares both with the expected lines.
-async fn play(script: Script, expected: &[&str]) {
-    play_under(Commit::Eager, script, expected).await;
-}
-
-async fn play_under(commit: Commit, script: Script, expected: &[&str]) {
-    assert_eq!(on_streams(&script, commit).await, expected, "on streams");
-    assert_eq!(on_topics(&script, commit).await, expected, "on topics");
+    assert_eq!(node.lines(), expected);
 }
 
 #[tokio::test(start_paused = true)]
@@ -163,7 +99,7 @@ async fn the_best_result_in_time_goes_with_the_value_of_its_source_and_message()
         "500 ms: 0 cloud1's of 0, asked at 0 ms by F5",
         "510 ms: 1 local's of 1, asked at 10 ms by F5",
     ];
-    play(script, &expected).await;
+    play(Commit::Eager, script, &expected).await;
 }
 
 #[tokio::test(start_paused = true)]
@@ -175,7 +111,7 @@ async fn a_nearer_due_instant_is_served_in_its_time() {
         "110 ms: 1 local's of 1, asked at 10 ms by F5",
         "500 ms: 0 local's of 0, asked at 0 ms by F5",
     ];
-    play(script, &expected).await;
+    play(Commit::Eager, script, &expected).await;
 }
 
 #[tokio::test(start_paused = true)]
@@ -186,13 +122,13 @@ async fn a_panic_and_a_failure_of_a_call_let_what_is_available_go_at_once() {
         "50 ms: 0 local's of 0, asked at 0 ms by F4",
         "130 ms: 1 local's of 1, asked at 100 ms by F4",
     ];
-    play(script, &expected).await;
+    play(Commit::Eager, script, &expected).await;
 }
 
 #[tokio::test(start_paused = true)]
 async fn local_that_says_nothing_is_missed_at_its_limit() {
     let script = Script { local: |_| Loses, clouds: Vec::new(), messages: vec![0, 5] };
-    play(script, &["1000 ms: 0 missed", "1005 ms: 1 missed"]).await;
+    play(Commit::Eager, script, &["1000 ms: 0 missed", "1005 ms: 1 missed"]).await;
 }
 
 /// Better results go to a topic of their own, and each message has one output on the output's topic
@@ -213,7 +149,7 @@ async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output()
         "500 ms: 0 cloud1's of 0, asked at 0 ms by F9",
         "510 ms: 1 local's of 1, asked at 10 ms by F9",
     ];
-    play_under(Commit::Progressive, script, &expected).await;
+    play(Commit::Progressive, script, &expected).await;
 }
 
 #[tokio::test(start_paused = true)]
@@ -230,7 +166,7 @@ async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
     node.is_deaf.store(false, Ordering::Relaxed);
     node.feed(60, (60..150).map(|t| t * 1000 / 30)).await;
     node.until(4980).await;
-    node.changes.send(Change::CloudEnabled(0, false)).unwrap();
+    node.mouths.changes.send(Change::CloudEnabled(0, false)).unwrap();
     node.feed(150, (150..180).map(|t| t * 1000 / 30)).await;
     node.until(9000).await;
     let lines = node.lines();
@@ -301,16 +237,16 @@ async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
     let node = Node::start(|_| Answers(10), &[(0, |_| Loses)]);
     node.feed(0, [0]).await;
     node.until(1).await;
-    node.changes.send(Change::Deadline(100 * MS)).unwrap();
+    node.mouths.changes.send(Change::Deadline(100 * MS)).unwrap();
     node.until(10).await;
     node.feed(1, [10]).await;
     node.until(11).await;
     let seconds = Bytes::copy_from_slice(&0.05_f64.to_le_bytes());
-    node.deadlines.send(Ok(Payload { big_endian: false, body: seconds })).await.unwrap();
+    node.mouths.deadlines.send(Ok(Payload { big_endian: false, body: seconds })).await.unwrap();
     node.until(20).await;
     node.feed(2, [20]).await;
     node.until(21).await;
-    node.changes.send(Change::CloudDeadline(0, Some(30 * MS))).unwrap();
+    node.mouths.changes.send(Change::CloudDeadline(0, Some(30 * MS))).unwrap();
     node.until(30).await;
     node.feed(3, [30]).await;
     node.until(1500).await;
@@ -326,7 +262,7 @@ async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
 #[tokio::test(start_paused = true)]
 async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
     let node = Node::start(|_| Loses, &[]);
-    node.changes.send(Change::LocalDeadline(50 * MS)).unwrap();
+    node.mouths.changes.send(Change::LocalDeadline(50 * MS)).unwrap();
     node.until(1).await;
     node.feed(0, [10]).await;
     node.until(100).await;
@@ -367,7 +303,7 @@ async fn local_fails_at_once_while_nobody_listens_to_it() {
 #[tokio::test(start_paused = true)]
 async fn a_flood_of_results_keeps_no_message_from_its_turn() {
     let node = Node::start(|_| Answers(20), &[]);
-    let results = node.results.clone();
+    let results = node.mouths.results.clone();
     // The channel never runs empty.
     let flood = tokio::spawn(async move {
         while results.send((LOCAL, Ok(payload(999, "stray")))).await.is_ok() {
@@ -376,7 +312,7 @@ async fn a_flood_of_results_keeps_no_message_from_its_turn() {
             }
         }
     });
-    node.inputs.send(Ok(payload(0, "frame"))).await.unwrap();
+    node.mouths.inputs.send(Ok(payload(0, "frame"))).await.unwrap();
     while node.tally().messages == 0 {
         tokio::task::yield_now().await;
     }
@@ -393,18 +329,18 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     node.feed(0, [10]).await;
     node.until(20).await;
     assert_eq!(
-        node.publish_report(LifecycleTask::Activate).await.await,
+        node.mouths.order(LifecycleTask::Activate).await.await,
         Ok(TransitionResult::Success)
     );
     node.feed(1, [30]).await;
     node.until(40).await;
     assert_eq!(
-        node.publish_report(LifecycleTask::Deactivate).await.await,
+        node.mouths.order(LifecycleTask::Deactivate).await.await,
         Ok(TransitionResult::Success)
     );
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.publish_report(LifecycleTask::CleanUp).await;
+    let closed = node.mouths.order(LifecycleTask::CleanUp).await;
     node.feed(3, [70]).await;
     assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);

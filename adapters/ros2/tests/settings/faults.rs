@@ -197,10 +197,6 @@ fn what_is_wrong_with_a_cloud_is_reported() {
             "clouds:=[a__b]",
             "the cloud \"a__b\": give a name of letters, digits and single underscores",
         ),
-        (
-            "clouds:=[local]",
-            "the cloud \"local\": the node's own parameters begin like that; give another name",
-        ),
         ("clouds:=[a,a]", "the cloud \"a\": it is given twice; leave one out"),
         (
             "clouds:=[a,b,c,d,e,f,g,h,i,j,k,l,m,x,o,p]",

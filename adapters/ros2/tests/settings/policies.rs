@@ -61,8 +61,6 @@ fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
             )
         );
     }
-    let error = with("-p clouds:=[policy]").unwrap_err();
-    assert!(error.contains("the node's own parameters begin like that"), "{error}");
 }
 
 /// T1, T2: what the guard promises is about one output a message.
@@ -177,25 +175,9 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
             &*rate,
             format!("policy.rate is more than the node can keep up with: {SHORT} (by window,"),
         ),
-        ("-p policy:=guard", "give policy.speed_topic, or another policy".into()),
-        (
-            "-p policy:=guard -p policy.speed_topic:=odom -p commit:=progressive",
-            "give another policy, or commit: patient".into(),
-        ),
-        ("-p policy:=fast", "policy is \"fast\"; give set, guard, expected or guarded".into()),
-        (
-            "-p policy:=guard -p policy.range_cloud:=38.0",
-            "the policy's parameters are refused: ".into(),
-        ),
         (
             "-p policy.probe_every:=0",
             "policy.probe_every is 0; give an integer from 1 to 64".into(),
-        ),
-        (
-            "-p policy.speed_topic:=odom -p policy.speed_type:=geometry_msgs/msg/Twist",
-            "policy.speed_type is \"geometry_msgs/msg/Twist\"; give nav_msgs/msg/Odometry or \
-             std_msgs/msg/Float64"
-                .into(),
         ),
         (
             "-p clouds:=[west] -p west.grpc.url:=http://localhost:1 -p west.grpc.token_file:=none",

@@ -109,12 +109,7 @@ impl PublishStatus for Publication {
 /// A node on topics. Its local is a model behind topics, and its clouds are called.
 pub(super) struct Node {
     pub(super) start: Instant,
-    pub(super) inputs: mpsc::Sender<ReceivedPayload>,
-    pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
-    pub(super) deadlines: mpsc::Sender<ReceivedPayload>,
-    pub(super) speeds: mpsc::Sender<ReceivedPayload>,
-    pub(super) changes: mpsc::UnboundedSender<Change>,
-    orders: mpsc::Sender<LifecycleRequest>,
+    pub(super) mouths: Publications,
     /// The number of local's subscribers.
     pub(super) local: Arc<AtomicUsize>,
     /// `true` if requests to local are lost.
@@ -160,6 +155,15 @@ pub(super) struct Subscription {
     speeds: mpsc::Receiver<ReceivedPayload>,
     changes: mpsc::UnboundedReceiver<Change>,
     orders: mpsc::Receiver<LifecycleRequest>,
+}
+
+impl Publications {
+    /// Orders a managed node to change its state. The receiver gets the result.
+    pub(super) async fn order(&self, task: LifecycleTask) -> oneshot::Receiver<TransitionResult> {
+        let (order, done) = LifecycleRequest::new(task);
+        assert!(self.orders.send(order).await.is_ok(), "the node ended");
+        done
+    }
 }
 
 pub(super) fn mouths() -> (Publications, Subscription) {
@@ -244,24 +248,12 @@ pub(super) fn run(
 /// Returns the settings of a node with this many clouds.
 pub(super) fn settings(clouds: usize, more: &[&str]) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
-    let mut args = vec![
-        "--ros-args".to_owned(),
-        "-p".to_owned(),
-        "input.type:=tests/msg/Text".to_owned(),
-        "-p".to_owned(),
-        "output.type:=tests/msg/Text".to_owned(),
-        "-p".to_owned(),
-        "input.key:=uint64".to_owned(),
-        "-p".to_owned(),
-        "output.key:=uint64".to_owned(),
-    ];
-    if clouds > 0 {
-        args.extend(["-p".to_owned(), format!("clouds:=[{}]", names.join(","))]);
-    }
-    for (priority, name) in (1..).zip(&names) {
-        args.extend(["-p".to_owned(), format!("{name}.priority:={priority}")]);
-    }
-    args.extend(more.iter().map(|&arg| arg.to_owned()));
+    let types = "--ros-args -p input.type:=tests/msg/Text -p output.type:=tests/msg/Text";
+    let keys = "-p input.key:=uint64 -p output.key:=uint64";
+    let mut args: Vec<_> = types.split(' ').chain(keys.split(' ')).collect();
+    let clouds = format!("clouds:=[{}]", names.join(","));
+    args.extend(["-p", &clouds]);
+    args.extend(more);
     let arguments = Arguments::parse(args.into_iter().map(Into::into)).unwrap();
     Settings::from(&arguments, |_| None).unwrap()
 }
@@ -335,17 +327,10 @@ impl Node {
         };
         let outputs: [Box<dyn Publish>; 2] = [Box::new(output), Box::new(revisions)];
         let running = run(&settings, engine, sources, outputs, Box::new(publication), subscription);
-        let local = matched;
-        let Publications { inputs, results, deadlines, speeds, changes, orders } = mouths;
         Self {
             start,
-            inputs,
-            results,
-            deadlines,
-            speeds,
-            changes,
-            orders,
-            local,
+            mouths,
+            local: matched,
             is_deaf,
             reported_lines,
             counting,
@@ -359,18 +344,8 @@ impl Node {
     pub(super) async fn feed(&self, first: u64, messages: impl IntoIterator<Item = u64>) {
         for (t, ms) in (first..).zip(messages) {
             sleep_until(self.start + Duration::from_millis(ms)).await;
-            self.inputs.send(Ok(payload(t, "frame"))).await.unwrap();
+            self.mouths.inputs.send(Ok(payload(t, "frame"))).await.unwrap();
         }
-    }
-
-    /// Orders a managed node to change its state. The returned channel receives the result.
-    pub(super) async fn publish_report(
-        &self,
-        task: LifecycleTask,
-    ) -> oneshot::Receiver<TransitionResult> {
-        let (order, done) = LifecycleRequest::new(task);
-        assert!(self.orders.send(order).await.is_ok(), "the node ended");
-        done
     }
 
     pub(super) async fn until(&self, ms: u64) {

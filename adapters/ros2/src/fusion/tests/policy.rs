@@ -18,7 +18,7 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_th
     let node = Node::start_with(|_| Answers(300), &[(2000, |_| Loses)], &more);
     let publish_report = async |speed: f64| {
         let body = Bytes::copy_from_slice(&speed.to_le_bytes());
-        node.speeds.send(Ok(Payload { big_endian: false, body })).await.unwrap();
+        node.mouths.speeds.send(Ok(Payload { big_endian: false, body })).await.unwrap();
     };
     node.until(1).await;
     publish_report(18.0).await;

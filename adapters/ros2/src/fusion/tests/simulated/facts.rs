@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
+use std::path::Path;
 use std::time::Duration;
 
 use fuseline_engine::Trigger;
@@ -15,22 +16,39 @@ use super::scenario::{Disturbance, Form, Scenario};
 use crate::fusion::LOCAL;
 use crate::settings::{Change, Settings};
 
-/// The kinds of endings that a run may have, in words.
-pub(super) const KINDS: [&str; 14] = [
-    "an output of a cloud",
-    "an output of local by a timer",
-    "a missed message",
-    "a refused message",
-    "the stamp of an open message",
-    "a lost computation",
-    "a result of no message",
-    "a hint",
-    "an output that was not sent",
-    "an offer that was refused",
-    "a failure",
-    "an input while the node was inactive",
-    "a revision of a cloud",
-    "an output that was sent as a revision before",
+/// A kind of ending in words, and whether a run came to it.
+type Kind = (&'static str, fn(&Facts<'_>) -> bool);
+
+/// The kinds of endings that a run may have.
+pub(super) const KINDS: [Kind; 14] = [
+    ("an output of a cloud", |it| it.leaves(|how| matches!(how, Departure::Forwarded(1.., _)))),
+    ("an output of local by a timer", |it| {
+        it.leaves(|how| how == Departure::Forwarded(0, Trigger::Timer))
+    }),
+    ("a missed message", |it| it.leaves(|how| how == Departure::Missed)),
+    ("a refused message", |it| it.leaves(|how| matches!(how, Departure::Refused(_)))),
+    ("the stamp of an open message", |it| {
+        it.rejected.iter().any(|serial| it.inputs[*serial].form == Form::Whole)
+    }),
+    ("a lost computation", |it| it.played.tally.sources[LOCAL].lost > 0),
+    ("a result of no message", |it| {
+        it.played.log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0)
+    }),
+    ("a hint", |it| !it.played.log.hints.is_empty()),
+    ("an output that was not sent", |it| {
+        let mut outputs = it.played.log.statuses.iter().filter_map(|it| it.output.as_ref());
+        outputs.any(|output| !output.is_sent)
+    }),
+    ("an offer that was refused", |it| it.replay.offers.iter().any(|it| it.refusal.is_some())),
+    ("a failure", |it| it.played.tally.sources.iter().any(|source| source.failed > 0)),
+    ("an input while the node was inactive", |it| {
+        let mut arrived_at = it.played.log.arrived_at.iter();
+        arrived_at.any(|at| it.states(*at).all(|state| !state.is_active))
+    }),
+    ("a revision of a cloud", |it| it.leaves(|how| matches!(how, Departure::Preliminary(1..)))),
+    ("an output that was sent as a revision before", |it| {
+        it.leaves(|how| matches!(how, Departure::Final(_)))
+    }),
 ];
 
 pub(super) struct Facts<'a> {
@@ -80,10 +98,7 @@ impl<'a> Facts<'a> {
     /// # Errors
     /// Returns an error if the trace cannot be read.
     pub(super) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
-        let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
-        let parameters: Vec<_> = parameters.collect();
-        let parameters: Vec<_> = parameters.iter().map(String::as_str).collect();
-        let settings = super::super::node::settings(scenario.peers.len() - 1, &parameters);
+        let settings = scenario.settings(Path::new("none"));
         let replay = Replay::of(&queues(scenario), &played.trace);
         if let Some(defect) = &replay.defect {
             return Err(defect.clone());
@@ -201,40 +216,13 @@ impl<'a> Facts<'a> {
         (0..at.len()).filter(is_same).count() > 1
     }
 
-    /// Returns the kinds of endings of the run.
+    /// Returns the kinds of endings that the run came to.
     pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
-        let mut kinds = BTreeSet::new();
-        let mut mark = |is: bool, kind: usize| {
-            if is {
-                kinds.insert(KINDS[kind]);
-            }
-        };
-        for item in &self.replay.items {
-            match item.departure {
-                Departure::Preliminary(p) => mark(p > 0, 12),
-                Departure::Forwarded(0, trigger) => mark(trigger == Trigger::Timer, 1),
-                Departure::Forwarded(..) => mark(true, 0),
-                Departure::Final(_) => mark(true, 13),
-                Departure::Missed => mark(true, 2),
-                Departure::Refused(_) => mark(true, 3),
-            }
-        }
-        mark(self.replay.offers.iter().any(|offer| offer.refusal.is_some()), 9);
-        let is_doubled = |serial: &usize| self.inputs[*serial].form == Form::Whole;
-        mark(self.rejected.iter().any(is_doubled), 4);
-        let sources = &self.played.tally.sources;
-        mark(sources[0].lost > 0, 5);
-        let log = &self.played.log;
-        mark(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
-        mark(!log.hints.is_empty(), 7);
-        let unsent = |reported: &StatusReport| {
-            reported.output.as_ref().is_some_and(|output| !output.is_sent)
-        };
-        mark(log.statuses.iter().any(unsent), 8);
-        mark(sources.iter().any(|source| source.failed > 0), 10);
-        let mut arrived_at = log.arrived_at.iter();
-        mark(arrived_at.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
-        kinds
+        KINDS.iter().filter(|(_, is)| is(self)).map(|(kind, _)| *kind).collect()
+    }
+
+    fn leaves(&self, how: impl Fn(Departure) -> bool) -> bool {
+        self.replay.items.iter().any(|item| how(item.departure))
     }
 }
 

@@ -13,12 +13,12 @@ use fuseline_tokio::Call;
 use tokio::runtime::Builder;
 use tokio::time::{Instant, advance, sleep, sleep_until};
 
-use super::super::node::{Publications, mouths, run, settings};
+use super::super::node::{Publications, mouths, run};
 use super::scenario::{
     Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
 };
 use crate::fusion::LOCAL;
-use crate::lifecycle::{LifecycleRequest, LifecycleTask, TransitionResult};
+use crate::lifecycle::{LifecycleTask, TransitionResult};
 use crate::middleware::{DecodeError, Endpoint, Publish, ReceivedPayload};
 use crate::node;
 use crate::raw::Payload;
@@ -133,11 +133,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
     let folder = folder.unwrap();
     let path = folder.path().join("trace.jsonl");
-    let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
-    let trace = ["-p".to_owned(), format!("trace.file:={}", path.display())];
-    let parameters: Vec<_> = parameters.chain(trace).collect();
-    let parameters: Vec<_> = parameters.iter().map(String::as_str).collect();
-    let settings = settings(scenario.peers.len() - 1, &parameters);
+    let settings = scenario.settings(&path);
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let payloads = Arc::<AtomicUsize>::default();
     let (simulation, tally) = runtime.block_on(async {
@@ -368,9 +364,7 @@ impl SimulationState {
 
     /// Sends the node an order, and receives its result.
     async fn publish_report(&self, task: LifecycleTask) {
-        let (order, done) = LifecycleRequest::new(task);
-        assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
-        let done = done.await.unwrap();
+        let done = self.mouths.order(task).await.await.unwrap();
         if done != TransitionResult::Success {
             self.log().disobeyed = Some(done);
         }
