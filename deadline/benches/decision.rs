@@ -1,5 +1,5 @@
-//! Measures the time of one decision, and of reporting one call's end, after ever longer runs: old calls cost
-//! nothing.
+//! Measures the time of one decision, and of reporting one call's end, after ever longer runs. It
+//! shows that old calls cost nothing.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -48,7 +48,8 @@ fn decide(policy: &mut dyn Policy, situation: &Situation<'_>) {
     black_box(policy.decide(black_box(situation), Duration::MAX));
 }
 
-/// Returns a result after 100 to 900 ms, or, one time in eight, a call that was given up.
+/// Returns the end of a call: a result after 100 to 900 ms or, one time in eight, a call that was
+/// given up.
 fn end(number: u64) -> End {
     let response = Duration::from_micros(100_000 + number * 7919 % 800_000);
     if number.is_multiple_of(8) { End::Censored(response) } else { End::Answered(response) }

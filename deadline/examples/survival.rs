@@ -1,4 +1,5 @@
-//! The estimate of Kaplan and Meier for a CSV file on standard input, `response_s,answered,count`: a line a step.
+//! Prints the Kaplan-Meier estimate for a CSV file on standard input with the columns
+//! `response_s,answered,count`. Each step is one line.
 
 use std::io;
 use std::time::Duration;

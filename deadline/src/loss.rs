@@ -1,4 +1,4 @@
-//! The loss of an output, by its source and its time.
+//! The loss of an output, which depends on its source and its time.
 //!
 //! The book's chapter *Deadlines* derives the formulas of [`Impact`] and [`Accuracy`].
 

@@ -20,7 +20,7 @@ fn observations() -> impl Strategy<Value = Vec<Observation>> {
     )
 }
 
-/// Returns a number that is no size of anything: NaN, negative or infinite.
+/// Returns a number that cannot be a size: NaN, negative or infinite.
 fn nonsense() -> impl Strategy<Value = f64> {
     any::<u64>().prop_map(f64::from_bits).prop_filter("it makes sense", |number| {
         number.is_nan() || number.is_infinite() || *number < 0.0

@@ -112,8 +112,8 @@ fn waits_only_for_a_cloud_that_is_worth_it() {
     );
 }
 
-/// A cloud, slower than local, comes and goes. A window of calls after a change, only calls since the change
-/// count (T6).
+/// A cloud that is slower than local comes and goes. When a window of calls has passed since a
+/// change, only calls since the change count (T6).
 #[test]
 fn returned_cloud_is_found_within_a_window() {
     const WINDOW: u32 = 64;
@@ -137,7 +137,8 @@ fn returned_cloud_is_found_within_a_window() {
     }
 }
 
-/// Calls that are given up at the deadline hide how late their results would have been; probes show it.
+/// Calls that are given up at the deadline hide how late their results would have been, but probes
+/// show it.
 #[test]
 fn probes_keep_the_deadline_from_creeping_down() {
     let mut policy = policy::<64>(Some(16));
@@ -182,7 +183,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     assert_eq!(at(20.0).deadline, rho, "the guard allows too little to reach 600 ms");
     assert_eq!(at(22.0).deadline, ms(600) + Duration::from_nanos(1));
     assert_eq!(at(18.0).deadline, rho, "local alone stops as well, so waiting buys nothing");
-    // A probe waits as long as is allowed and no longer.
+    // A probe waits exactly as long as is allowed.
     let probing =
         Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(1))
             .unwrap();
@@ -191,7 +192,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
 }
 
-/// A cap that learns is told of each end (T3).
+/// A cap that learns gets a report of each end (T3).
 #[test]
 fn a_cap_learns_from_the_calls_that_it_caps() {
     let learns = || Expected::<_, 16>::new(ACCURACY, ms(LOCAL_MS), None).unwrap();
@@ -233,8 +234,8 @@ fn a_policy_that_could_not_work_is_refused() {
     assert!(Expected::<_, 8>::new(share, ms(300), None).is_err());
 }
 
-/// Counts instead of timing: the loss is computed at most twice for each call that is remembered, and twice
-/// more.
+/// The loss is computed at most twice for each remembered call, and twice more. The test counts
+/// instead of measuring time.
 #[test]
 fn a_decision_costs_no_more_after_a_million_calls() {
     let requested = Cell::new(0_u64);

@@ -390,8 +390,9 @@ prop_compose! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// States T2 as an inequality, with exact sums of times: if local can stop in the worst phase, or in some
-    /// phase, then what the deadline allows is early enough or no later than local.
+    /// States T2 as an inequality over exact sums of times. If local can stop in the worst phase,
+    /// or in some phase, then every output that the deadline allows is early enough or no later
+    /// than local's.
     #[test]
     fn t2_no_decision_exceeds_what_is_allowed(
         parameters in any_parameters(),
@@ -409,7 +410,7 @@ proptest! {
         let response = seconds(parameters.local_response, response);
         let is_speed = speed.least >= 0.0 && speed.greatest <= 150.0 && speed.least <= speed.greatest;
         let is_reveal = reveal.is_none_or(|reveal| reveal >= 0.0);
-        // Allows a rounding error in proportion to what is rounded.
+        // Allows a rounding error in proportion to the rounded number.
         let within_rounding = |time: f64, allowed: f64, of: f64| time <= allowed + 1e-12 * of.abs();
         if within_rounding(deadline, parameters.local_response.least.as_secs_f64(), deadline) {
             return Ok(());

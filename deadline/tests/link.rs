@@ -44,7 +44,7 @@ fn messages() -> impl Strategy<Value = Vec<(u64, u64)>> {
     vec((prop_oneof![Just(0), 0..3_000_000_u64], 0..2_500_u64), 1..60)
 }
 
-/// A message that was taken: the instant, its bytes, and the instant when it was sent.
+/// A message that was accepted: the instant, its bytes, and the instant when it was sent.
 struct SentMessage {
     at: u64,
     bytes: u64,
@@ -68,7 +68,8 @@ fn work(bytes: u64) -> u128 {
     u128::from(bytes) * 8_000_000_000
 }
 
-/// Returns what is not yet sent at an instant of the messages that were taken before, by sums alone.
+/// Returns the unsent amount at an instant, of the messages that were accepted by then. It only
+/// adds and subtracts.
 fn waiting(rate: &VaryingRate, sent: &[SentMessage], at: u64) -> u128 {
     let (mut waiting, mut now) = (0_u128, 0);
     for message in sent.iter().filter(|message| message.at <= at) {
@@ -85,8 +86,8 @@ proptest! {
     ) {
         let (sent, _) = send(&rate, &messages);
         for (index, message) in sent.iter().enumerate() {
-            // Conservation: just before a message is sent something waits, and then nothing of it and of
-            // those before it.
+            // The queue conserves messages: just before a message is sent something waits, and
+            // afterwards nothing of it and of earlier messages does.
             let before = &sent[..=index];
             prop_assert_eq!(waiting(&rate, before, message.through), 0);
             if message.through > message.at {

@@ -1,5 +1,5 @@
-//! Checks what the guarantees assume: with the shipped machine no output is later than local's arrival and
-//! every due instant that was admitted for it.
+//! Checks an assumption of the guarantees: with the shipped machine, no output is later than both
+//! local's arrival and the last due instant that was admitted for its message.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ type Machine = Fusion<3, 8>;
 /// An open timestamp.
 #[derive(Clone, Copy, Default)]
 struct Open {
-    /// The instant when local's result came, or when it was known that none comes.
+    /// The instant when local's result came, or when it became known that none will come.
     local: Option<u64>,
     has_result: bool,
     /// The latest due instant of its requests.
@@ -48,7 +48,7 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
     let mut open: BTreeMap<u64, Open> = BTreeMap::new();
     let (mut now, mut next) = (0, 0);
     for _ in 0..200 {
-        // Ticks are late at random: the next input may be far beyond what is due.
+        // Ticks are late at random, so the next input may come long after a due instant.
         now += random.one_of(&[0, 1, 2, 5, 20]);
         let mut ready = loop {
             match machine.at(Instant::from_nanos(now)) {
@@ -136,7 +136,7 @@ fn p5_p7_output_is_no_later_than_local_and_dues() {
     );
 }
 
-/// The deadline of T1: a late timer does not delay local's result.
+/// A late timer does not delay local's result, as the deadline of T1 requires.
 #[test]
 fn p6_late_timers_do_not_delay_local() {
     for (local, is_late) in [(299, false), (300, true), (301, true)] {

@@ -50,7 +50,7 @@ fn time(seconds: Span<f64>) -> Span<Duration> {
     Span::new(least.saturating_sub(ROUNDING), greatest + ROUNDING)
 }
 
-/// States how a cloud behaves during one drive.
+/// The behaviour of a cloud during one drive.
 #[derive(Clone, Copy)]
 enum Network {
     Silent,
@@ -85,7 +85,7 @@ fn setting(number: u64, view: View) -> Setting {
     for frame in 0.. {
         let captured = f64::from(frame) * period;
         let gap = start - speed * captured;
-        // From here on braking is too late, whatever is seen.
+        // From here on braking is too late, whatever a source sees.
         if frame > 0 && gap <= speed * speed / (2.0 * deceleration) {
             break;
         }
@@ -277,7 +277,7 @@ fn half_a_second_always_is_worse_in_thousands() {
     assert!(HIDDEN.results[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
 }
 
-/// The guarantee rests on a cloud that reports whatever local would report (T4).
+/// The guarantee assumes that the cloud reports everything that local would report (T4).
 #[test]
 fn t4_blind_cloud_hides_what_local_sees() {
     let mut worse = 0;

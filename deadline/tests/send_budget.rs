@@ -59,7 +59,7 @@ proptest! {
 
 #[test]
 fn greatest_gain_per_byte_comes_first() {
-    // 1 MB a second for ten offers a second: 100 KB each.
+    // The budget is 1 MB a second for ten offers a second, or 100 KB for each.
     let budget = SendBudget::new(1_000_000, LONGEST, NEVER);
     let streams = [(100_000, 1.0), (33_300, 1.0), (20_000, 0.1), (1_000, 0.0)];
     let [large, small, poor, useless] = sent(budget, 10, streams);
@@ -100,7 +100,7 @@ fn what_is_not_a_gain_is_not_sent() {
 
 #[test]
 fn too_long_messages_are_never_sent_or_probed() {
-    // 10 KB a second: 5 KB take half a second.
+    // The budget is 10 KB a second, so 5 KB take half a second.
     for (bytes, most) in [(5_000, 120), (5_001, 0)] {
         let budget = SendBudget::new(10_000, Duration::from_millis(500), Some(3));
         let [sent] = sent(budget, 10, [(bytes, 9.0)]);

@@ -67,7 +67,8 @@ fn a_box_counts_until_it_has_moved_on_by_its_slack() {
         let slack = slack_by_trying(detector.overlap);
         for speed in [0.1, 0.3, 0.7, 1.5] {
             for response in [10, 80, 200, 450_u32] {
-                // Counts by the definition: the share of the instants in force at which the box still counts.
+                // Computes the share by its definition: the part of the instants in force at which
+                // the box still counts.
                 let counts = |at: &u32| speed * f64::from(response + at) / 1e3 <= slack;
                 let count: f64 = (0..PERIOD_MS).filter(counts).map(|_| 1.0).sum();
                 let share = count / f64::from(PERIOD_MS);

@@ -1,8 +1,8 @@
-//! The keys of a line that no rule of the machine reads: whose value it is, which attempt, the message's own
-//! deadline, and where it came from.
+//! The keys of a line that no rule of the machine reads: the message of a value, the number of an
+//! attempt, and a message's own deadline and origin.
 //!
-//! The judges read these keys beside the events, and a replay copies the keys of a result to its emit. To the
-//! machine an input means the same with and without them.
+//! The judges also read these keys, and a replay copies the keys of a result to its emit. An input
+//! means the same to the machine with and without them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The kinds of doubt of a verdict: what a judge could not see (SPEC.md, *Doubts*).
+//! The kinds of doubt in a verdict, about facts that a judge could not see (SPEC.md, *Doubts*).
 
 use std::fmt;
 
@@ -159,7 +159,7 @@ impl Doubt {
 }
 
 impl fmt::Display for Doubt {
-    /// Writes the kind and what was found.
+    /// Writes the kind and the finding.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.kind, self.found)
     }

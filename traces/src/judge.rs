@@ -27,7 +27,7 @@ pub struct Judge {
     reference: CompactReference,
     /// The decisions that the rules demand for the input read last.
     demands: ExpectedDecisions,
-    /// The number of them that were met.
+    /// The number of demands that were met.
     met: usize,
     /// The input read last, with its line.
     input: Option<(u64, Input)>,
@@ -239,7 +239,8 @@ impl Judge {
         }
     }
 
-    /// Reports a violation. `lack` describes the one of found and demanded that is missing.
+    /// Reports a violation. `lack` replaces the found or the demanded decision if that one is
+    /// missing.
     fn differ(&mut self, found: Option<Decision>, demand: Option<(Decision, Rule)>, lack: &str) {
         let (t, rule) = self.blame(found, demand);
         let reported = |reported: Option<Decision>| {

@@ -35,7 +35,7 @@ pub(crate) enum Form {
     WithoutLocal,
 }
 
-/// The keys of a line beside those that the machine's rules read.
+/// The keys of a line that the machine's rules do not read.
 #[derive(Default, Debug)]
 pub(crate) struct LineAnnotations {
     pub(crate) event: Annotations,
@@ -259,7 +259,7 @@ impl<'a> Fields<'a> {
         Ok(())
     }
 
-    /// Gives a request that has a deadline the due instant instead.
+    /// Replaces the deadline of a request by its due instant.
     fn date_request(&mut self) {
         let has = |key| self.seen.contains(key);
         if self.kind == Some(LineKind::Request) && has(Key::Deadline) && !has(Key::Due) {
@@ -315,7 +315,7 @@ impl<'a> Fields<'a> {
         HeaderAnnotations { without_local, max_ages: std::mem::take(&mut self.max_ages) }
     }
 
-    /// Returns the further keys of an event whose keys are those of its kind.
+    /// Returns the further keys of an event, whose keys have been checked.
     fn annotations(&mut self) -> Result<Annotations, ParseError> {
         let given = |key: Key| self.seen.contains(key).then(|| self.numbers[key as usize]);
         let (seq, attempt) = (given(Key::Seq), given(Key::Try));

@@ -1,4 +1,4 @@
-//! CSV whose rows know their line, whatever ends the lines.
+//! Reads CSV with the line number of each row, for any kind of line end.
 
 use std::collections::VecDeque;
 use std::fmt;

@@ -1,7 +1,7 @@
 //! A cursor over one line that knows its column.
 //!
-//! It reads the usual parts of a trace itself, a known key or a whole number at a time. It leaves escapes,
-//! and values that are skipped, to `serde_json`.
+//! It reads the usual parts of a trace itself, one known key or whole number at a time. It leaves
+//! escapes and skipped values to `serde_json`.
 
 use std::borrow::Cow;
 

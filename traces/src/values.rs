@@ -1,4 +1,4 @@
-//! The keys that an emit has for the value that it sends, which are those of the accepted result.
+//! The keys of an emit's value, which are the same as the accepted result's.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,8 @@ impl HeldValues {
     ) {
         self.sent.clear();
         let is_dropped = matches!(decisions.clone().next_back(), Some(Decision::Drop { .. }));
-        // Only an accepted result brings a value; a dropped one must not replace a held value.
+        // Only an accepted result has a value to send. A dropped result must not replace a held
+        // value.
         if let (Input::Result { t, p, .. }, false) = (input, value.is_empty() || is_dropped) {
             self.held.insert((*t, *p), value);
         }

@@ -1,5 +1,5 @@
-//! The head of every storage. By it a call checks that a pointer is a live machine of its kind before it
-//! reads more.
+//! The head of every storage. Each call checks by it that a pointer is a live machine of the right
+//! kind, before it reads more.
 //!
 //! This module also checks configurations, which both kinds of machine share.
 
@@ -28,7 +28,7 @@ pub(crate) struct StorageHeader {
     close: u64,
     /// The number of bytes of the storage.
     bytes: usize,
-    /// The capacity, with [`BUSY`] while a call is under way. One comparison checks both.
+    /// The capacity, with [`BUSY`] while a call is under way. One comparison checks both facts.
     state: AtomicU32,
     /// The greatest deadline in nanoseconds. A greater one is refused.
     greatest_deadline: u64,
@@ -36,11 +36,11 @@ pub(crate) struct StorageHeader {
 
 /// A kind of machine that a caller has a pointer to: a [`StorageHeader`] and its alignment.
 pub(crate) trait StorageKind {
-    /// A number that differs from kind to kind.
+    /// A number that differs between the kinds.
     const SEAL: u64;
 }
 
-/// The place for an answer, and whether it can be written.
+/// The place for an answer, and the result of checking its pointer.
 #[derive(Clone, Copy)]
 pub(crate) struct AnswerTarget {
     at: usize,
@@ -59,8 +59,8 @@ impl StorageHeader {
         }
     }
 
-    /// Converts a caller's deadline. One above the greatest is 0 to the machine, which refuses it as
-    /// `deadline` unless another reason comes first (F1, F2, A11).
+    /// Converts a caller's deadline. A deadline above the greatest becomes 0, which the machine
+    /// refuses as `deadline` unless another reason comes first (F1, F2, A11).
     pub(crate) const fn deadline(&self, nanos: u64) -> Deadline {
         Deadline::from_nanos(if nanos > self.greatest_deadline { 0 } else { nanos })
     }
@@ -99,13 +99,13 @@ impl StorageHeader {
 
     /// Returns the capacity if no call is under way, and otherwise a number that is not a capacity.
     pub(crate) fn idle_capacity(&self) -> u32 {
-        // Acquire, with Release where a call ends: the caller sees what the last call wrote, even in another
-        // thread.
+        // Acquire pairs with Release at the end of a call, so that the caller sees everything that
+        // the last call wrote, even in another thread.
         self.state.load(Ordering::Acquire)
     }
 
-    /// Returns what is wrong with a machine whose [`idle_capacity`](Self::idle_capacity) the library does not
-    /// hold.
+    /// Returns the status for a machine whose [`idle_capacity`](Self::idle_capacity) the library
+    /// does not hold.
     #[cold]
     pub(crate) fn refusal(&self) -> CStatus {
         if self.idle_capacity() & BUSY == 0 { CStatus::Foreign } else { CStatus::Busy }

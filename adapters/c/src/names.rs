@@ -11,7 +11,7 @@ pub(crate) const VERSION: &CStr =
         Err(_) => NO_WORD,
     };
 
-/// The name for a number that has no word.
+/// The name for a number that has no name of its own.
 const NO_WORD: &CStr = c"?";
 
 const STATUSES: [(CStatus, &CStr); 19] = [

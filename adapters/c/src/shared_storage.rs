@@ -1,4 +1,5 @@
-//! A machine for many threads in its caller's storage: makes it, and leads calls to its two halves.
+//! A machine for many threads in its caller's storage. This module makes it, and passes calls to
+//! its two halves.
 //!
 //! The owner's half refuses a second call at the same time; the shared handle takes any number. A message id
 //! that crosses the interface is tied to its machine, so that another machine refuses it.
@@ -66,7 +67,7 @@ pub(crate) enum InputKind {
     Time,
 }
 
-/// The answers of one call: that of the timers that were due first, and the input's own.
+/// The answers of one call: first the answer of the due timers, and then the input's own.
 pub(crate) struct AnswerList {
     pub(crate) fired: CAnswer,
     pub(crate) answer: CAnswer,

@@ -1,4 +1,4 @@
-//! A machine for one thread in its caller's storage: makes, reaches and ends it.
+//! A machine for one thread in its caller's storage. This module makes it, calls it and ends it.
 //!
 //! [`IdleStorage`] is the only access to the machine.
 
@@ -45,7 +45,7 @@ pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 
 
 #[cfg(feature = "capacity-own")]
 pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_WINDOW);
-/// A number that is not a capacity: the library was built without one of its own.
+/// A number that is not a capacity, because the library was built without its own capacity.
 #[cfg(not(feature = "capacity-own"))]
 pub(crate) const OWN_CAPACITY: u32 = 0;
 
@@ -119,7 +119,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
     }
 }
 
-/// The storage of a machine without a call under way. It takes one call.
+/// The storage of a machine without a call under way. It accepts one call.
 pub(crate) struct IdleStorage<'a, const CLOUDS: usize, const WINDOW: usize>(
     &'a Storage<CLOUDS, WINDOW>,
 );
@@ -155,7 +155,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         self.enter(|fusion, _| answer_list(looked_at(fusion, Timestamp::new(t)), message))
     }
 
-    /// Writes whether a cloud's gate was left shut.
+    /// Writes 1 if a cloud's gate was left shut, and 0 otherwise.
     pub(crate) fn gate_is_shut(self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
         self.enter(|fusion, _| {
             let gate = priority(p).and_then(|cloud| fusion.gate(cloud));

@@ -1,4 +1,4 @@
-//! Compares the vendored header with what cbindgen generates from the sources.
+//! Compares the vendored header with the one that cbindgen generates from the sources.
 
 use std::fs;
 use std::path::Path;

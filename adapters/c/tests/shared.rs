@@ -157,7 +157,7 @@ fn wrong_use_of_it_is_reported() {
         unsafe { fuseline_shared_result(machine.0, 0, message_id, 0, fired, fired) }
     });
     assert_eq!(status, CStatus::Overlap);
-    // Message ids that no open gave, or that another machine gave.
+    // No open returned these message ids, or another machine did.
     let mut other_storage = Box::new(Storage([0xa5; _]));
     let (_, other) = make(&mut other_storage);
     let (_, _, others) = other.open(0, 1);
@@ -216,7 +216,8 @@ fn of_threads_that_race_exactly_one_is_to_forward() {
             for p in [0, 1, 2] {
                 let forwarded = &forwarded;
                 scope.spawn(move || {
-                    // One of them comes at the due instant: it is late, and the timers fire before it.
+                    // One result comes at the due instant. It is late, and the timers fire before
+                    // it.
                     let now = if p == t % 3 { t + 100 } else { t };
                     let (status, answers) = machine.result(now, message_id, p);
                     assert_eq!(status, CStatus::Done);

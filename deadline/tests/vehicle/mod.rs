@@ -26,7 +26,7 @@ pub(crate) struct Frame {
     pub(crate) gap: f64,
     /// The time that local takes, or `None` if local is busy and skips the frame.
     pub(crate) local: Option<f64>,
-    /// The time that the cloud's result takes; infinite if none comes.
+    /// The time that the cloud's result takes, which is infinite if none comes.
     pub(crate) cloud: f64,
     /// The delay of this frame's timer.
     pub(crate) lateness: f64,
@@ -88,7 +88,8 @@ impl Drive {
         self.collides_where(outputs, |output| output.is_taken)
     }
 
-    /// Returns the same if any output without a report breaks a row, whether local takes its frame or not.
+    /// Does the same, but any output without a report breaks a row, even if local does not take its
+    /// frame.
     pub(crate) fn collides_where_any_output_counts(&self, outputs: &[Output]) -> bool {
         self.collides_where(outputs, |_| true)
     }

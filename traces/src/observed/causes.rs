@@ -44,7 +44,7 @@ pub(super) struct CauseTracker {
     repeated: u64,
     first_repeated: Option<u64>,
     opened_again: u64,
-    /// The first line at which timestamps start again, with its timestamp.
+    /// The first line at which timestamps restart, with its timestamp.
     restart: Option<(u64, u64)>,
     /// The timestamp opened last.
     last_open: Option<u64>,
@@ -189,8 +189,8 @@ impl CauseTracker {
         }
     }
 
-    /// Looks for a result of a timestamp that is done. Returns `true` if it was looked for, and notes it as
-    /// found.
+    /// Notes a result of a timestamp that is done. Returns `true` if an earlier output lacked this
+    /// result.
     pub(super) fn finds(&mut self, t: u64, p: u64, at: u64) -> bool {
         if self.missing.is_empty() {
             return false;
@@ -247,7 +247,7 @@ impl CauseTracker {
         for (samples, than, is) in clocks {
             causes.extend(samples.into_iter().map(|(p, by)| {
                 let (explained, by) = constant(by)?;
-                // Local is asked by the open.
+                // A message's open is local's request.
                 let than =
                     if p == 0 { than.replace("requests", "messages") } else { than.to_owned() };
                 let about = if is_zone(by) {
@@ -269,8 +269,8 @@ impl CauseTracker {
         Some(format!("{text} ({explained} of {violations} violations)"))
     }
 
-    /// Explains violations by a last line that is far from all others, which makes what was open then far too
-    /// late.
+    /// Explains violations by a last line that is far from all others, so that everything open by
+    /// then seems far too late.
     fn far_end(&self) -> Option<(u64, String)> {
         let (line, greatest, before) = self.greatest?;
         let jump = greatest - before?;
@@ -302,13 +302,14 @@ fn of_early(samples: Vec<u64>) -> Option<(u64, String)> {
     Some((explained, text))
 }
 
-/// A delay may be the operator's own, but hardly a delay of whole quarters of an hour.
+/// Explains outputs that are late by whole quarters of an hour, which is hardly the operator's own
+/// delay.
 fn of_late(samples: Vec<u64>) -> Option<(u64, String)> {
     let (explained, by) = constant(samples).filter(|(_, by)| is_zone(*by))?;
     Some((explained, format!("outputs come {} late; is their time zone another?", nanos(by))))
 }
 
-/// Explains outputs that are missing, or whose timestamps are not those of messages.
+/// Explains outputs that are missing, or that have timestamps without a message.
 fn of_outputs(
     has_output: bool,
     (strange, first): (u64, Option<u64>),

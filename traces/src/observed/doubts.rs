@@ -6,7 +6,7 @@ use crate::annotations::Annotations;
 use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 
-/// Collects what the judge cannot see.
+/// Collects the doubts: the facts that the judge cannot see.
 #[derive(Clone, Debug)]
 pub(super) struct DoubtTracker {
     is_progressive: bool,
@@ -30,7 +30,7 @@ pub(super) struct DoubtTracker {
     is_ordered: bool,
 }
 
-/// The knowledge of one source.
+/// The facts about one source.
 #[derive(Clone, Debug)]
 struct SourceAccount {
     p: u64,
@@ -108,8 +108,8 @@ impl DoubtTracker {
         self.coarse += u64::from(due.saturating_sub(at) <= slack.unnoticed(p));
     }
 
-    /// Notes a message that was judged: whether it breaks a rule, and the instant by which its output was
-    /// owed.
+    /// Notes a message that was judged, with `true` if it breaks a rule, and the instant by which
+    /// its output was due.
     pub(super) fn closes(
         &mut self,
         t: u64,
@@ -145,7 +145,8 @@ impl DoubtTracker {
         }
     }
 
-    /// Returns `true` if the stamps of some message tell an order, so that those of the others do not matter.
+    /// Returns `true` if the stamps of some message show an order, so that the other messages'
+    /// stamps do not matter.
     pub(super) const fn is_ordered(&self) -> bool {
         self.is_ordered
     }

@@ -35,7 +35,8 @@ pub struct Judge {
     slack: SourceSlack,
     /// `true` if an open was read.
     records_opens: bool,
-    /// The greatest instant so far, as far as the operator's own stamps may be off.
+    /// The greatest instant so far. Stamps with a greater error than the operator's count as
+    /// earlier by the difference.
     greatest: u64,
     /// The greatest instant that has certainly passed.
     passed: u64,
@@ -362,7 +363,7 @@ impl Judge {
                 | Decision::Final { .. }
                 | Decision::Miss { .. },
             ) => true,
-            // A timestamp that is done drops them.
+            // A timestamp that is done drops these inputs.
             Event::Input(Input::Result { .. } | Input::Fail { .. })
             | Event::Decision(Decision::Drop {
                 why: DropReason::Unknown | DropReason::Superseded,

@@ -342,8 +342,8 @@ impl OpenMessageHistory {
         last.unwrap_or(0).saturating_add(margin).saturating_add(2)
     }
 
-    /// Puts together what was observed, without refused opens and their consequences. `was_refused` is `true`
-    /// if one of its opens was refused long ago.
+    /// Combines all observations, without refused opens and their consequences. `was_refused` is
+    /// `true` if one of its opens was refused long ago.
     pub(super) fn whole(&self, slack: &SourceSlack, was_refused: bool) -> WholeMessageHistory<'_> {
         let (own, lateness) = (slack.tolerance(), slack.lateness());
         let opens = self.accepted(slack.reach());
@@ -450,7 +450,7 @@ impl OpenMessageHistory {
     fn requests(&mut self, request: RequestAttempt) {
         let is_same =
             |other: &&RequestAttempt| (other.p, other.attempt) == (request.p, request.attempt);
-        // Two of them suffice to show that one is requested twice.
+        // Two lines suffice to show that an attempt is requested twice.
         if self.requests.iter().filter(is_same).count() < 2 {
             self.requests.push(request);
         }
@@ -490,7 +490,8 @@ impl OpenMessageHistory {
     }
 }
 
-/// Stores an output unless there are too many already; how many more there are does not matter.
+/// Stores an output unless there are already too many. The exact number beyond that does not
+/// matter.
 fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) {
     if outputs.len() <= most {
         outputs.push(output);
@@ -501,7 +502,7 @@ fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) 
 type ValueOrder = (bool, u64);
 
 impl OpenTimestamp {
-    /// Returns `true` if the other open says the same.
+    /// Returns `true` if the other open is a copy of this one on another line.
     const fn is_copied_by(&self, other: &Self) -> bool {
         self.at == other.at && self.line != other.line
     }

@@ -129,7 +129,7 @@ impl ProgressiveFacts {
         let InstantRange { from, to } = self.sends(q);
         let below = &self.outputs[..q];
         let observed = |r: &usize| below[*r].is_observed();
-        // The observed outputs of sources below come before (P1).
+        // The observed outputs of lower sources come earlier (P1).
         let from = (0..q).filter(observed).map(|r| self.sends(r).from).fold(from, WideInstant::max);
         let at = to.min(outranked).min(self.limit(q));
         (from <= at).then_some(at)

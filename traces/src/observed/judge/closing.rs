@@ -26,7 +26,7 @@ impl Judge {
             let Some(open) = self.open.get(&t) else { continue };
             let closed_from = open.closed_from(self.header.commit, &self.slack);
             if closed_from >= self.greatest {
-                // It got a line since.
+                // The timestamp has got another line since.
                 self.closing.push(Reverse((closed_from, t)));
                 continue;
             }
@@ -39,7 +39,7 @@ impl Judge {
             }
             let end = self.certain();
             let is_broken = !open.is_overdue && self.violation(t, &whole, end).is_some();
-            // Its end may be missing (F9).
+            // The final line may be missing (F9).
             if open.has_come_out() && !is_broken {
                 self.close(t, &open, &whole, self.greatest);
                 continue;
@@ -144,15 +144,15 @@ impl Judge {
                 unplaced.suspicion = of_outputs;
             }
             if self.is_ended && unplaced.line.is_none() {
-                // It never came.
+                // The output never came.
                 unplaced.late = None;
             }
             self.report(t, open, unplaced);
         }
     }
 
-    /// Judges what comes for a timestamp that is done: it was retired before, or its open comes after its
-    /// output.
+    /// Judges lines for a timestamp that is done. It was retired before, or its open comes after
+    /// its output.
     fn again(&mut self, t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
         let opened = whole.story.open.filter(|_| whole.outputs.is_empty());
         let late = opened.and_then(|(at, _)| self.causes.opens_late(t, at));

@@ -17,7 +17,7 @@ fn came(at: u64, t: u64) -> Event {
     Event::Input(Input::Result { at, t, p: 0 })
 }
 
-/// Memory is bounded by what is open, whatever the trace's length.
+/// The open timestamps bound the memory, whatever the trace's length.
 #[test]
 fn keeps_only_the_range_of_done_timestamps() {
     let mut judge = judge();

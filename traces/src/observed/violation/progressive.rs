@@ -92,8 +92,8 @@ fn of_emit(
     fault.violation(Some(line), found, ((p, at), slack), expected, &allowed)
 }
 
-/// Reports an accepted result that was not sent (P3 to P5). `free` has the observed outputs, and any others
-/// that may come.
+/// Reports an accepted result that was not sent (P3 to P5). `free` has the observed outputs and
+/// allows any others.
 fn of_missing(
     t: u64,
     whole: &WholeMessageHistory,
