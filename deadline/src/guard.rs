@@ -136,8 +136,9 @@ impl Guard {
         let at_best = |range: f64, frames: f64| {
             time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
         };
-        // Not capped by `reveal`: an obstacle that came into sight a frame ago was further away, and local
-        // may be about to stop for it, though not for one that comes into sight from now on.
+        // Not capped by `reveal`: an obstacle that came into sight a frame ago was further away,
+        // and local may be about to stop for it, though not for an obstacle that comes into sight
+        // from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
         HazardTimes { local, lost, cloud }

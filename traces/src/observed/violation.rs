@@ -13,7 +13,7 @@ use crate::annotations::{HeaderAnnotations, ValueKeys, allowed_values, meant_val
 use crate::event::{Commit, Decision, Event};
 use crate::rule::Rule;
 
-/// A violation in the words of a verdict.
+/// A violation with the texts of a verdict.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct UnlocatedViolation {
     /// The line, or `None` for the timestamp's last line.
@@ -26,7 +26,7 @@ pub(super) struct UnlocatedViolation {
     pub(super) suspicion: Option<Suspicion>,
 }
 
-/// Reports what comes for a timestamp that was retired before: it must be dropped or refused.
+/// Reports lines for a timestamp that was retired before, if they were not dropped or refused.
 pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
@@ -46,7 +46,7 @@ pub(super) fn of_late_open(t: u64, whole: &WholeMessageHistory, by: u64) -> Unlo
     UnlocatedViolation::new(Rule::F1, line, found, expected)
 }
 
-/// Reports what comes for a timestamp whose opens were all refused (A42).
+/// Reports lines for a timestamp whose opens were all refused (A42).
 pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
@@ -56,7 +56,7 @@ pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<Unlocate
     of_open_or_request(t, whole, "its open was refused")
 }
 
-/// Reports what has no explanation.
+/// Reports a timestamp that has no explanation.
 pub(super) fn of_story(
     t: u64,
     whole: &WholeMessageHistory,
@@ -130,7 +130,8 @@ pub(super) fn of_story(
     })
 }
 
-/// Reports an output whose value is of another message than allowed, or meant for another one (D2, D18).
+/// Reports an output whose value is of a message that is not allowed, or is meant for another
+/// message (D2, D18).
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
@@ -168,7 +169,7 @@ fn of_value(
     Some(UnlocatedViolation::new(rule, line, found, expected))
 }
 
-/// Reports an output that came after the message's own deadline, or that there was none by then (J2).
+/// Reports an output that came after the message's own deadline, or that did not come by then (J2).
 fn of_own_deadline(
     t: u64,
     whole: &WholeMessageHistory,
@@ -394,7 +395,7 @@ impl OutputFault {
     }
 }
 
-/// Describes what is allowed, without its instants.
+/// Describes the allowed outputs without their instants.
 fn of_what(p: u64, allowed: &[AllowedOutput]) -> String {
     let kinds = allowed.iter().map(|allowed| match allowed.p {
         Some(p) => format!("emit p {p}"),
@@ -419,7 +420,7 @@ const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
     }
 }
 
-/// Describes what is allowed, with its instants.
+/// Describes the allowed outputs with their instants.
 fn reported(t: u64, allowed: &[AllowedOutput]) -> String {
     reported_as("emit", t, allowed)
 }

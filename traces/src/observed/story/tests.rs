@@ -127,7 +127,7 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the error of a due instant; local's counts from the open.
+    /// Returns the error of a due instant. Local's counts from the open.
     fn tolerance_of_due(&self, p: u64) -> i64 {
         if p == 0 { self.slack().0 } else { self.tolerance_of(p) }
     }
@@ -245,8 +245,8 @@ impl Search<'_> {
         state.left.iter().any(is_of_p)
     }
 
-    /// Returns `true` if each output was observed or came too late for that, and each observed output is
-    /// among them.
+    /// Returns `true` if each output was observed or came too late to be observed, and each
+    /// observed output is among the outputs.
     fn fits_what_came_out(&self, out: &ProducedOutputs) -> bool {
         let (tolerance, lateness) = self.slack();
         let is_it = |at: u64, y: i64| {
@@ -513,8 +513,8 @@ fn progressive_ends(story: &MessageHistory, slack: &SourceSlack, end: u64) -> Ve
     ends.into_iter().collect()
 }
 
-/// Returns a story with these outputs as they are recorded. Sometimes one is lost, of another source, too
-/// early or too late.
+/// Returns a story with these outputs as they are recorded. Sometimes an output is lost, has
+/// another source, or is too early or too late.
 fn recorded(
     story: &MessageHistory,
     out: &ProducedOutputs,
@@ -537,8 +537,8 @@ fn recorded(
     recorded
 }
 
-/// Returns an instant within the errors of the clock, sometimes one beyond them, but none later than what the
-/// search sees.
+/// Returns an instant within the errors of the clock, or sometimes beyond them, but never later
+/// than the search looks.
 fn recorded_at(y: i64, off: u8, odd: u8, slack: &SourceSlack) -> u64 {
     let [tolerance, reach] =
         [slack.tolerance(), slack.reach()].map(|it| i64::try_from(it).unwrap());
@@ -568,7 +568,7 @@ fn outranked_request_ends_by_its_own_timer() {
     assert_eq!(progressive(&story(2), 9), [false; 2]);
 }
 
-/// The trace ends before the timer must be served.
+/// If the trace ends before the timer must be served, the timer's result may be sent unseen.
 #[test]
 fn unserved_timer_lets_its_result_be_sent_unseen() {
     let story = |came| MessageHistory {
@@ -580,7 +580,7 @@ fn unserved_timer_lets_its_result_be_sent_unseen() {
         ..MessageHistory::default()
     };
     assert_eq!(progressive(&story(3), 0), [true; 2]);
-    // Nothing is pending between the two.
+    // Nothing is pending between source 1's timer and source 2's request.
     assert_eq!(progressive(&story(3), 1), [false; 2]);
     assert_eq!(progressive(&story(1), 0), [false; 2]);
 }
