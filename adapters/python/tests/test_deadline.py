@@ -18,7 +18,6 @@ from fuseline.deadline import (
     Constant,
     End,
     Expected,
-    Figure,
     Guard,
     Hazard,
     Impact,
@@ -190,12 +189,6 @@ def test_a_figure_in_a_wrong_unit_is_refused(
         Guard(vehicle)
     with pytest.raises(error, match=message):
         Expected(Impact(vehicle), local_response=0.3)
-
-
-@pytest.mark.parametrize("speed", [ns(18), timedelta(seconds=18), (15.0, ns(18))])
-def test_a_speed_is_no_duration(speed: Figure) -> None:
-    with pytest.raises(TypeError, match=r"speed: .* a duration stands"):
-        Guard().judge(Situation(speed=speed))
 
 
 def test_a_policy_of_expected_checks_its_figures() -> None:

@@ -12,92 +12,17 @@ import pytest
 from conftest import CORPUS
 from fuseline import (
     Accepted,
-    Admitted,
     Cloud,
-    Commit,
     Dropped,
     DropReason,
-    Final,
-    Firing,
-    Forwarded,
     Fusion,
-    Held,
-    Missed,
     OfferRefusal,
     OpenRefusal,
-    Preliminary,
     Refused,
-    Waiting,
     ns,
 )
 
 END = 2**64 - 1
-
-
-def test_a_result_just_before_its_due_instant_goes_and_one_at_it_is_late() -> None:
-    for at, expected in [
-        (499, Forwarded(1, ())),
-        (500, Dropped(DropReason.LATE)),
-        (501, Dropped(DropReason.LATE)),
-    ]:
-        fusion = Fusion([Cloud(1)])
-        fusion.open(0, 7)
-        assert fusion.offer(0, 7, 1, ns(500)) == ((), Admitted(500))
-        fired, outcome = fusion.result(at, 7, 1)
-        assert outcome == expected
-        late = (Firing(7, 500, (1,), Waiting()),)
-        assert fired == (() if at < 500 else late)
-
-
-def test_a_held_result_goes_when_the_timer_of_what_it_waits_for_fires() -> None:
-    fusion = Fusion([Cloud(2), Cloud(9)])
-    assert fusion.open(0, 1) == ((), Accepted())
-    fusion.offer(0, 1, 2, ns(300))
-    fusion.offer(0, 1, 9, ns(100))
-    assert fusion.result(50, 1, 0) == ((), Held())
-    assert fusion.next_due == 100
-    assert fusion.tick(100) == (Firing(1, 100, (9,), Forwarded(0, (2,))),)
-    assert fusion.next_due is None
-    assert len(fusion) == 0
-
-
-def test_patient_waits_for_all_that_outranks() -> None:
-    fusion = Fusion([Cloud(2), Cloud(9)], commit=Commit.PATIENT)
-    fusion.open(0, 1)
-    fusion.offer(0, 1, 2, ns(300))
-    fusion.offer(0, 1, 9, ns(100))
-    fusion.result(50, 1, 0)
-    assert fusion.tick(100) == (Firing(1, 100, (9,), Waiting()),)
-    assert fusion.fail(200, 1, 2) == ((), Forwarded(0, ()))
-
-
-def test_progressive_sends_each_better_result_at_once_until_one_is_final() -> None:
-    clouds = [Cloud(2), Cloud(5), Cloud(9)]
-    fusion = Fusion(clouds, commit=Commit.PROGRESSIVE, record=True)
-    assert fusion.commit == Commit.PROGRESSIVE
-    fusion.open(0, 1)
-    for p in (2, 5, 9):
-        fusion.offer(0, 1, p, ns(100))
-    assert fusion.result(10, 1, 0) == ((), Preliminary(0, ()))
-    assert fusion.result(20, 1, 5) == ((), Preliminary(5, (2,)))
-    assert fusion.result(30, 1, 2) == ((), Dropped(DropReason.SUPERSEDED))
-    assert fusion.tick(100) == (Firing(1, 100, (9,), Final(5)),)
-    fusion.open(200, 2)
-    assert fusion.result(201, 2, 0) == ((), Forwarded(0, ()))
-    fusion.open(300, 3)
-    fusion.offer(300, 3, 9, ns(100))
-    fusion.result(301, 3, 0)
-    assert fusion.fail(302, 3, 9) == ((), Final(0))
-    trace = fusion.take_trace()
-    assert trace.count(b'"ev":"final"') == 3
-    verdict = fuseline.check(fusion.header.encode() + trace[trace.index(b"\n") :])
-    assert (verdict.violations, verdict.judged) == ((), 3), str(verdict)
-
-
-def test_local_alone_that_fails_is_a_miss() -> None:
-    fusion = Fusion()
-    fusion.open(0, 1)
-    assert fusion.fail(5, 1, 0) == ((), Missed())
 
 
 def test_each_refusal_and_drop_has_its_reason() -> None:

@@ -355,39 +355,6 @@ def test_a_trace_is_a_table_of_its_lines() -> None:
     assert [Trace(GOOD).source(p) for p in (0, 1, 9)] == ["local", "cloud-1", "cloud-9"]
 
 
-def test_a_timeline_shows_whose_results_went() -> None:
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("agg")
-    trace = Trace(next(path for path in CORPUS if "coarse" in path.stem))
-    axes = trace.timeline()
-    labels = axes.get_legend_handles_labels()[1]
-    assert any(label.startswith("local (") for label in labels), labels
-    matplotlib.pyplot.close(axes.figure)
-
-
-def test_a_timeline_has_each_message_once_with_how_long_it_took() -> None:
-    lines = b"""{"fuseline":1,"window":2,"commit":"progressive","clouds":[{"p":1,"limit":9}]}
-{"ev":"open","at":1000000000,"t":1}
-{"ev":"offer","at":1000000000,"t":1,"p":1,"deadline":200000000,"backlog":0}
-{"ev":"request","at":1000000000,"t":1,"p":1,"due":1200000000}
-{"ev":"open","at":1100000000,"t":2}
-{"ev":"open","at":1150000000,"t":3}
-{"ev":"refuse","at":1150000000,"t":3,"why":"full"}
-{"ev":"result","at":1160000000,"t":1,"p":0}
-{"ev":"emit","at":1160000000,"t":1,"p":0}
-{"ev":"tick","at":1200000000}
-{"ev":"timer","at":1200000000,"t":1,"p":1}
-{"ev":"final","at":1200000000,"t":1,"p":0}
-{"ev":"fail","at":1300000000,"t":2,"p":0}
-{"ev":"miss","at":1300000000,"t":2}
-"""
-    assert fuseline.check(lines).conforms
-    went, waits, missed = Trace(lines)._latencies()
-    assert went == {0: [(1.0, 160.0)]}
-    assert waits == [(1.0, 200.0)]
-    assert missed == [1.15, 1.1]
-
-
 HUNG = b"""{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":9}]}
 {"ev":"open","at":0,"t":1}
 {"ev":"result","at":1,"t":1,"p":0}

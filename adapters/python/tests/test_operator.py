@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from pathlib import Path
 from typing import Any
 
 import fuseline
@@ -17,6 +15,7 @@ from fuseline import (
     Items,
     Local,
     Operator,
+    Trigger,
 )
 from fuseline.deadline import (
     Accuracy,
@@ -29,17 +28,6 @@ from fuseline.deadline import (
 )
 from fuseline.testing import VirtualLoop
 from operator_support import MS, Handle, after, ask, items_of, local_after
-
-
-@pytest.mark.parametrize(("response", "goes"), [(99, "cloud"), (100, "local"), (101, "local")])
-def test_a_result_at_its_due_instant_is_late(run: Run[Any], response: int, goes: str) -> None:
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.time_ns)
-        operator.use_cloud(after(response * MS), ask(100 * MS), str, 1, name="cloud")
-        return await items_of(operator, ["a"])
-
-    (item,) = run(main)
-    assert str(item.source) == goes
 
 
 def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
@@ -185,30 +173,59 @@ def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
     run(main)
 
 
-def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> None:
-    trace = tmp_path / "trace.jsonl"
-
-    async def broken(message: Any, t: int) -> Any:
-        raise ValueError("nothing")
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(broken, clock=loop.time_ns, trace=trace)
-        async with operator:
-            operator.write("a")
-            assert (await anext(operator)).ending is Ending.MISSED
-            # The loop's time stands still here, but the disk has its own thread.
-            for _ in range(10_000):
-                if b'"miss"' in trace.read_bytes():
-                    return
-                time.sleep(0.001)
-            raise AssertionError("the miss is not in the file")
-
-    run(main)
-
-
 def test_a_capped_policy_says_whose_limit_it_is() -> None:
     capped = Guard().cap(Constant(60.0))
     chosen = capped.decide(Situation(speed=11.0), 90.0)
     assert (chosen.reason, chosen.case) == (Reason.GUARD, Case.LOCAL_STOPS)
     assert chosen == Guard().decide(Situation(speed=11.0), 90.0)
     assert capped.decide(Situation(speed=11.0), 0.1).reason is Reason.CAP
+
+
+def test_an_error_is_a_failure_of_its_message_alone(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def broken(request: Any, call: Call) -> Any:
+        raise OSError("connection refused")
+
+    def response_handler(response: Any) -> Any:
+        raise ValueError("no such\nclass " + "x" * 1000)
+
+    async def local(message: int, t: int) -> Any:
+        if message % 2:
+            raise RuntimeError("odd")
+        return message
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
+        operator.use_cloud(broken, ask(1.0), str, 1, name="broken")
+        operator.use_cloud(after(0), ask(1.0), response_handler, 2, name="odd")
+        return await items_of(operator, [0, 1])
+
+    even, odd = run(main)
+    assert (even.ending, even.value, even.trigger) == (Ending.FORWARDED, 0, Trigger.FAILURE)
+    assert odd.ending is Ending.MISSED
+    whys = {str(failure.source): failure.why for failure in odd.failures}
+    assert whys["local"] == "odd"
+    assert whys["broken"] == "connection refused"
+    assert whys["odd"].startswith("no such class xxx")
+    assert len(whys["odd"].encode()) == 200
+    assert "operator: message missed (timestamp=1, why=failure)" in caplog.text
+    assert "no result will come (timestamp=0, source=broken, why=connection refused)" in caplog.text
+
+
+def test_a_message_handler_that_fails_does_not_ask(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(message: Any, t: int) -> Any:
+        raise RuntimeError("no frame")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
+        operator.use_cloud(after(0), broken, str, 1)
+        operator.use_cloud(after(0), lambda message, t: (message, -1.0), str, 2)
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert item.value == "a on board"
+    assert "no frame" in caplog.text
+    assert "a duration of -1" in caplog.text

@@ -197,23 +197,6 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
     assert (verdict.lines, list(Trace(trace).lines)[-1].ev) == (8, "tick")
 
 
-def test_a_source_of_messages_that_fails_is_raised_at_the_end(run: Run[Any]) -> None:
-    async def camera() -> Any:
-        yield "a"
-        raise OSError("no camera")
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
-        items = []
-        with pytest.raises(OSError, match="no camera"):
-            async with operator:
-                operator.feed(camera())
-                items = [item.value async for item in operator]
-        assert items == ["a on board"]
-
-    run(main)
-
-
 def test_calls_that_will_not_end_cost_no_other_call(run: Run[Any]) -> None:
     count = [50, 0]
 

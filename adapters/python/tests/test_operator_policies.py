@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import logging
-import random
 import weakref
 from pathlib import Path
 from typing import Any
@@ -15,13 +13,10 @@ import pytest
 from conftest import Run
 from fuseline import (
     Call,
-    Ending,
     Item,
     Local,
     Operator,
     Trace,
-    check,
-    check_observed,
 )
 from fuseline.deadline import (
     Accuracy,
@@ -248,96 +243,3 @@ def test_refuses_policy_without_probes_or_linger() -> None:
             operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)
         operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy, linger=1.0)
         operator.use_cloud(after(0), ask(1.0), str, 2, name="east", policy=probing)
-
-
-@pytest.mark.parametrize("commit", ["eager", "patient", "progressive"])
-@pytest.mark.parametrize("seed", range(6))
-def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
-    run: Run[Any], tmp_path: Path, commit: Any, seed: int
-) -> None:
-    trace = tmp_path / "trace.jsonl"
-    rng = random.Random(seed)
-    messages = 300
-
-    async def flaky(request: Any, call: Call) -> Any:
-        await asyncio.sleep(rng.choice([0, 1, 5, 10, 20, 20, 200]) * MS)
-        if rng.random() < 0.2:
-            raise OSError("broke")
-        return request
-
-    async def local(message: int, t: int) -> Any:
-        await asyncio.sleep(rng.choice([0, 2, 10, 10]) * MS)
-        if rng.random() < 0.1:
-            raise RuntimeError("nothing seen")
-        return message
-
-    async def camera() -> Any:
-        for message in range(messages):
-            yield message
-            await asyncio.sleep(rng.choice([0, 0, 1, 5, 30]) * MS)
-
-    def handler(message: int, t: int) -> Any:
-        assert message == t
-        return None if rng.random() < 0.1 else (message, rng.choice([0, 5, 10, 20, 50]) * MS)
-
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        on_board = Local.task(
-            local,
-            at_once=rng.choice([1, 3]),
-            deadline=rng.choice([None, 0.04]),
-            waiting=rng.choice([None, 2]),
-            skip_answered=rng.random() < 0.5,
-        )
-        operator: Operator[Any, Any] = Operator(
-            on_board, window=rng.choice([2, 16]), commit=commit, clock=loop.time_ns, trace=trace
-        )
-        for p in rng.sample(range(1, 9), 3):
-            operator.use_cloud(
-                flaky,
-                handler,
-                lambda it: it,
-                p,
-                calls=rng.choice([1, 4]),
-                limit=rng.choice([1, 3]),
-                linger=rng.choice([0, 0, 0.05]),
-            )
-        items = await items_of(operator, camera())
-        counts = operator.counts
-        ends = [item.ending for item in items]
-        assert counts["operator", "message", "missed"] == ends.count(Ending.MISSED)
-        outputs = sum(n for (_, what, _), n in counts.items() if what == "output")
-        assert outputs == ends.count(Ending.FORWARDED) + ends.count(Ending.FINAL)
-        return items
-
-    logging.getLogger("fuseline").setLevel(logging.CRITICAL)
-    try:
-        items = run(main)
-    finally:
-        logging.getLogger("fuseline").setLevel(logging.NOTSET)
-    assert sorted(item.timestamp for item in items if item.last) == list(range(messages))
-    # Each item has the value of its own message, from the source that the trace names (D2).
-    lines = fuseline.Trace(trace).lines
-    emitted = {(line.t, line.at, line.p) for line in lines if line.ev == "emit"}
-    best = {line.t: line.p for line in lines if line.ev == "emit"}
-    sent: dict[int, int] = {}
-    for item in items:
-        if item.source is None:
-            assert item.timestamp not in best
-            continue
-        source = item.source.priority
-        if item.ending is Ending.FINAL:
-            assert (item.value, sent[item.timestamp]) == (None, source)
-        else:
-            # Each item of a message outranks the one before (D1).
-            assert sent.get(item.timestamp, -1) < source
-            left = item.arrived if commit == "progressive" else item.decided
-            assert (item.timestamp, left, source) in emitted
-            assert item.value == item.timestamp
-        assert not item.last or best[item.timestamp] == source
-        sent[item.timestamp] = source
-    assert any(not item.last for item in items) == (commit == "progressive")
-    verdict = check(trace)
-    assert not verdict.violations, str(verdict)
-    assert fuseline.replay(trace) == trace.read_bytes()
-    observed = check_observed(trace, tolerance=0, lateness=0)
-    assert not observed.violations, str(observed)

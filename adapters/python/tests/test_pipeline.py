@@ -117,30 +117,6 @@ def test_sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones(run: 
     run(main)
 
 
-def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run: Run[Any]) -> None:
-    """A set has its oldest message's age and its most urgent message's deadline (E5, E7)."""
-
-    async def main(loop: VirtualLoop) -> None:
-        reserve = [Latency.stated(30 * MS), Latency.stated(10 * MS)]
-        join = Join(wait=1.0, reserve=reserve, clock=loop.time_ns)
-        left, right, third = (join.aligned(name) for name in ("left", "right", "third"))
-        async with join:
-            now = loop.time_ns()
-            left.write(1, Lineage("left", 7, now - 5_000_000, within=0.2))
-            right.write(2, Lineage("right", 7, now, within=0.1))
-            begin = loop.time()
-            joined = await join.read()
-            assert joined is not None and loop.time() - begin == pytest.approx(60 * MS)
-            lineage = joined.lineage
-            assert lineage is not None and joined.missing == ["third"]
-            assert (lineage.origin, lineage.captured) == ("left", now - 5_000_000)
-            assert lineage.within == fuseline.ns(105_000_000)
-            third.write(3, Lineage("third", 8))
-            third.close()
-
-    run(main)
-
-
 def test_sets_that_wait_are_bounded_and_a_reader_that_lags_takes_no_more(run: Run[Any]) -> None:
     """Waiting sets are bounded, and a join with a lagging reader accepts no more (E8)."""
 
@@ -238,41 +214,6 @@ def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
             assert [it.key for it in sets if it is not None] == list(range(6))
 
     run(main)
-
-
-def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any]) -> None:
-    """Deadlines end where the reserve of the operators downstream begins (E2, E3)."""
-    asked: list[float] = []
-
-    async def handle(n: int, call: Call) -> str:
-        asked.append(call.deadline)
-        return "the cloud's"
-
-    async def main(loop: VirtualLoop) -> None:
-        planner = Latency.measured(50, at_first=30 * MS)
-        reserve = [planner, Latency.stated(20 * MS)]
-        local: Local[int, str] = Local.task(hang, at_once=9)
-        operator = Operator(local, clock=loop.time_ns, reserve=reserve)
-        operator.use_cloud(handle, lambda n, t: (n, 0.4), str, 1)
-        async with operator:
-            operator.write(0, of(loop, 0, within=0.2))
-            first = await operator.read()
-            assert first is not None and first.value == "the cloud's"
-            captured = loop.time_ns() - 140_000_000
-            operator.write(1, Lineage("camera", 1, captured, within=0.2))
-            for _ in range(16):
-                planner.record(70 * MS)
-            operator.write(2, Lineage("camera", 2, captured, within=0.2))
-            begin = loop.time()
-            second, third = await operator.read(), await operator.read()
-            assert second is not None and second.value == "the cloud's"
-            assert third is not None and third.ending is Ending.MISSED
-            # An earlier end of local would gain nothing.
-            assert loop.time() - begin == pytest.approx(60 * MS)
-            operator.stop()
-
-    run(main)
-    assert asked == [pytest.approx(150 * MS), pytest.approx(10 * MS)]
 
 
 def test_a_handler_that_fails_costs_its_item_alone_its_value(

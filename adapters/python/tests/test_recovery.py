@@ -197,28 +197,6 @@ def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> N
     assert math.isnan(failed)
 
 
-def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) -> None:
-    """A call gets the time left, including the time to linger (D5)."""
-    deadlines: list[float] = []
-
-    async def cloud(request: int, call: Call) -> str:
-        deadlines.append(call.deadline)
-        await asyncio.sleep(30 * MS)
-        return "answer"
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(Local.task(local, at_once=2), clock=loop.time_ns)
-        operator.use_cloud(cloud, wanted, str, 1, calls=1, linger=0.25)
-        async with operator:
-            operator.write(1)
-            operator.write(2)
-            await operator.read()
-            await operator.read()
-
-    run(main)
-    assert deadlines == pytest.approx([0.35, 0.32])
-
-
 def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> None:
     """Each timer fires at its own instant, however far away that is (D9)."""
     # Much further ahead, a float of seconds cannot distinguish single nanoseconds.

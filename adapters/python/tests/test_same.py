@@ -16,7 +16,19 @@ from typing import Any
 
 import pytest
 from conftest import Run
-from fuseline import Call, Item, Latency, Lineage, Local, Operator, StampedValue, Trace, ns
+from fuseline import (
+    Call,
+    Item,
+    Latency,
+    Lineage,
+    Local,
+    Operator,
+    StampedValue,
+    Trace,
+    check,
+    ns,
+    replay,
+)
 from fuseline.deadline import Constant
 from fuseline.testing import VirtualLoop
 
@@ -324,6 +336,9 @@ def test_both_operators_do_the_same(run: Run[Any], tmp_path: Path, scenarios: st
             trace = python / f"{len(played)}.jsonl"
             drawn = DrawnScenario.drawn(seed)
             lines, is_unsure = run(partial(drawn.play, trace=trace))
+            verdict = check(trace)
+            assert not verdict.violations, f"of seed {seed}: {verdict}"
+            assert replay(trace) == trace.read_bytes(), f"of seed {seed}"
             if not is_unsure and not is_ambiguous(trace):
                 played.append((seed, drawn, lines))
             seed += 1

@@ -6,7 +6,6 @@ import asyncio
 import copy
 import gc
 import pickle
-import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -15,15 +14,12 @@ import grpc
 import pytest
 from conftest import Run
 from fuseline import (
-    BlockingOperator,
     Call,
     CarriedState,
     Closed,
     ConfigError,
-    Ending,
     Full,
     Join,
-    Latency,
     Lineage,
     Local,
     Operator,
@@ -223,24 +219,6 @@ def test_of_several_results_of_a_message_the_last_that_was_sent_has_the_state() 
         assert state.current() == current, given
 
 
-def test_a_blocking_operator_is_entered_once() -> None:
-    early: BlockingOperator[int, Any] = BlockingOperator(Operator(local_after(0)))
-    with pytest.raises(ConfigError, match="does not run"):
-        early.write(1)
-    with BlockingOperator(Operator(local_after(0))) as operator:
-        with pytest.raises(ConfigError, match="started before"):
-            operator.__enter__()
-        assert operator.write(1) == 0
-
-    def without_a_directory() -> BlockingOperator[Any, Any]:
-        return BlockingOperator(Operator(local_after(0), trace="/nowhere/run.jsonl"))
-
-    threads = threading.active_count()
-    with pytest.raises(FileNotFoundError), without_a_directory():
-        pass
-    assert threading.active_count() == threads
-
-
 def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
         join = Join(clock=loop.time_ns, output_len=1)
@@ -272,64 +250,6 @@ def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) ->
             assert await join.read() is None
 
     run(main)
-
-
-def test_a_latest_message_is_used_up_to_its_age_and_no_longer(run: Run[Any]) -> None:
-    """Ages count from the capture, or from the arrival if that is unknown (E7)."""
-
-    async def main(loop: VirtualLoop) -> list[list[str]]:
-        now = [loop.time_ns()]
-        join = Join(clock=lambda: now[0])
-        frames = join.aligned("frames")
-        captured, came = join.latest("captured", 1.0), join.latest("came", 1.0)
-        missing = []
-        async with join:
-            captured.write("a", Lineage("gps", captured=now[0] + 1))
-            came.write("b", Lineage("map"))
-            for seq, after in enumerate((1_000_000_000, 1, 1)):
-                now[0] += after
-                frames.write(seq, Lineage("camera", seq))
-                joined = await join.read()
-                assert joined is not None
-                missing.append(joined.missing)
-        return missing
-
-    assert run(main) == [[], ["came"], ["captured", "came"]]
-
-
-def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
-    """A final item needs no substitute, because its message has an output (E4)."""
-
-    async def main(loop: VirtualLoop) -> list[Any]:
-        operator = Operator(local_after(MS), clock=loop.time_ns, commit="progressive")
-        operator.use_cloud(after(1.0), ask(0.1), str, 1)
-        operator.use_substitute(lambda item: "a substitute")
-        async with operator:
-            operator.write("a")
-            preliminary = await operator.read()
-            assert preliminary is not None and preliminary.value == "a on board"
-            operator.close()
-            return [(it.ending, it.value, it.substitute) async for it in operator]
-
-    assert run(main) == [(Ending.FINAL, None, None)]
-
-
-def test_under_progressive_the_latency_is_that_of_the_last_item(run: Run[Any]) -> None:
-    """Under progressive the latency counts until the last item (E3)."""
-
-    async def main(loop: VirtualLoop) -> float:
-        latency = Latency.measured(10, 0.5)
-        operator = Operator(
-            local_after(30 * MS), clock=loop.time_ns, commit="progressive", latency=latency
-        )
-        operator.use_cloud(after(60 * MS), ask(0.5), str, 1)
-        async with operator:
-            for n in range(100):
-                operator.write(n)
-                assert await operator.read() is not None and await operator.read() is not None
-        return latency.with_clouds / 1e9
-
-    assert run(main) == pytest.approx(0.06, rel=0.05)
 
 
 def test_a_side_request_without_time_is_refused_and_a_failure_reported(

@@ -298,7 +298,6 @@ pub const KINDS: &[WitnessKind] = &[
             &[
                 "tests/test_accounts.py",
                 "tests/test_operator.py",
-                "tests/test_operator_bounds.py",
                 "tests/test_operator_ends.py",
                 "tests/test_operator_policies.py",
                 "tests/test_pipeline.py",
