@@ -427,14 +427,21 @@ def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
     assert list(far) == [0.5, -0.5, 0.1]
 
 
-def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
+@pytest.mark.parametrize(
+    ("split", "reply"),
+    [
+        (lambda reply: reply["steps"][1:], {"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]}),
+        (list, (1.0, 2.0)),
+        (tuple, [1.0, 2.0]),
+    ],
+)
+def test_a_reply_may_be_split_by_a_function(run: Run[Any], split: Any, reply: Any) -> None:
     async def main(loop: VirtualLoop) -> None:
         remote: Any = PlannedRemote()
-        chunk = Chunk(every=9, max_age=9, split=lambda reply: reply["steps"][1:])
+        chunk = Chunk(every=9, max_age=9, split=split)
         plan = ChunkPlan(remote, chunk)
         plan.request(0, 0)
         await settled()
-        reply = {"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]}
         remote.answers[0].set_result(actions_of(reply, chunk, lambda *_: None))
         await settled()
         planned = [plan.planned(t, None) for t in range(3)]

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from fuseline.robot import Chunk
 
 _log = logging.getLogger("fuseline")
+#: The classes that split a reply as a function would.
+_CONTAINERS: tuple[Any, ...] = (list, tuple)
 
 #: Blends an earlier chunk's action, or None, with a later chunk's. It also gets the number of ticks
 #: since the later chunk began, and the last action, or None.
@@ -105,7 +107,7 @@ class ChunkPlan:
                 f"a max_age of {chunk.max_age} ticks, less than the {chunk.every} between chunks: "
                 "most ticks would have no action that is young enough"
             )
-        if chunk.split is not None:
+        if chunk.split is not None and chunk.split not in _CONTAINERS:
             check_function(chunk.split, "a split")
         if chunk.blend is not None:
             check_function(chunk.blend, "a blend")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import socket
 import time
@@ -36,8 +37,10 @@ def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
             return self._policy.infer(observation)
 
         def close(self) -> None:
-            # Closing with the protocol's handshake would wait for the server, which may hang.
-            self._policy._ws.socket.shutdown(socket.SHUT_RDWR)
+            # Closing with the protocol's handshake would wait for the server, which may hang. A
+            # connection that the server has ended cannot be shut down any more.
+            with contextlib.suppress(OSError):
+                self._policy._ws.socket.shutdown(socket.SHUT_RDWR)
 
     return OpenpiRemote
 
