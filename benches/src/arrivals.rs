@@ -15,7 +15,8 @@ const DRIVES: [&str; 3] = [
     include_str!("../../testkit/data/cicv5g/rural_n8_v10.csv"),
 ];
 
-/// The time that the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an A100), in ns.
+/// The time that the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an
+/// A100), in ns.
 const RUNTIMES: [u64; 3] = [118_200_000, 146_600_000, 90_100_000];
 /// The time that local's DETR-ResNet-50 takes on an Orin, in ns.
 const LOCAL_RUNTIME: u64 = 301_700_000;
@@ -43,8 +44,8 @@ pub fn fusion(commit: Commit) -> Result<Fusion<3, WINDOW>, ConfigError> {
     Fusion::new(WINDOW, commit, &clouds)
 }
 
-/// Every input of `messages` messages, in order: each is opened and offered to all clouds; local's and every
-/// cloud's result arrives, late ones too; a tick comes at each due instant.
+/// Every input of `messages` messages, in order: each is opened and offered to all clouds; local's
+/// and every cloud's result arrives, late ones too; a tick comes at each due instant.
 ///
 /// # Panics
 /// If a drive's file is not what it was.

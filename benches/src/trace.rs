@@ -13,7 +13,8 @@ const PERIOD: u64 = 100_000_000;
 /// The sources' usual response times. A cloud's tail reaches beyond its deadline.
 const USUAL: [u64; 4] = [301_700_000, 90_000_000, 180_000_000, 240_000_000];
 
-/// Returns a camera's run at 10 Hz with three clouds, as JSON Lines of at least this many lines, and how many it has.
+/// Returns a camera's run at 10 Hz with three clouds, as JSON Lines of at least this many lines,
+/// and how many it has.
 #[must_use]
 pub fn trace(least: usize) -> (Vec<u8>, u64) {
     let cloud = |p| Cloud { p, name: None, limit: 31, resume: 0 };

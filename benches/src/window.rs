@@ -9,8 +9,8 @@ use fuseline_core::{
 };
 use fuseline_testkit::Rng;
 
-/// The number of inputs that one pass times. A pass uses as many machines as together hold this many open timestamps, so
-/// small and large windows work on the same amount of memory.
+/// The number of inputs that one pass times. A pass uses as many machines as together hold this
+/// many open timestamps, so small and large windows work on the same amount of memory.
 pub const INPUTS: usize = 1024;
 
 /// The timed inputs, and the earlier inputs of the open timestamps.
@@ -54,11 +54,13 @@ pub enum Spacing {
 }
 
 impl Spacing {
-    /// Dense ones are touched in random order as well as the oldest first: then all others move when one is retired.
+    /// Dense ones are touched in random order as well as the oldest first: then all others move
+    /// when one is retired.
     pub const ALL: [Self; 4] = [Self::Dense, Self::Strided, Self::Random, Self::OldestFirst];
 }
 
-/// Timestamps of full windows, and the order in which they are touched, each with a due instant of its own.
+/// Timestamps of full windows, and the order in which they are touched, each with a due instant of
+/// its own.
 #[derive(Debug)]
 pub struct Load {
     timestamps: Vec<(usize, u64)>,

@@ -88,7 +88,8 @@ pub(crate) struct Args {
     junit: Option<PathBuf>,
     #[command(flatten)]
     results: Files,
-    /// Keep judging one file while it grows, until Ctrl-C; messages that are open then are not judged.
+    /// Keep judging one file while it grows, until Ctrl-C; messages that are open then are not
+    /// judged.
     #[arg(long, conflicts_with_all = ["junit", "sarif", "ended"])]
     follow: bool,
 }
@@ -108,7 +109,8 @@ impl From<FollowError> for Fault {
     }
 }
 
-/// Judges each file. A file that cannot be read decides the exit code, whatever the others' verdicts are.
+/// Judges each file. A file that cannot be read decides the exit code, whatever the others'
+/// verdicts are.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let mut out = OutputSink::new(anstream::stdout());
     if args.follow {

@@ -87,7 +87,8 @@ pub(crate) struct Args {
     /// The nearest place from which something may come into sight, in m [default: none].
     #[arg(long, value_name = "M", value_parser = reveal)]
     reveal: Option<Metres>,
-    /// A class of hazards, with its weight and both ranges in m, instead of the two ranges; repeatable.
+    /// A class of hazards, with its weight and both ranges in m, instead of the two ranges;
+    /// repeatable.
     #[arg(
         long,
         value_name = "WEIGHT,RL,RC",
@@ -95,8 +96,8 @@ pub(crate) struct Args {
         value_parser = hazard
     )]
     class: Vec<Hazard>,
-    /// Print one JSON object for each speed, a line each, in seconds: speed, `budget_local`, `budget_cloud`, case, guard, deadline,
-    /// loss.
+    /// Print one JSON object for each speed, a line each, in seconds: speed, `budget_local`,
+    /// `budget_cloud`, case, guard, deadline, loss.
     #[arg(long)]
     json: bool,
 }

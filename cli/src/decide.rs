@@ -3,7 +3,8 @@
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Annotations, Decision, Event, HeldValues, Input};
 
-/// Goes along with the core's decisions, so that an emit says of its value what the result that it sends said.
+/// Goes along with the core's decisions, so that an emit says of its value what the result that it
+/// sends said.
 #[derive(Default)]
 pub(crate) struct AnnotatedAnswers {
     values: HeldValues,

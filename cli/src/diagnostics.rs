@@ -10,7 +10,8 @@ pub(crate) fn print_line(line: impl fmt::Display) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
-/// Returns the options that could be at fault, which have the same names in `fuseline deadline` and the scenarios.
+/// Returns the options that could be at fault, which have the same names in `fuseline deadline` and
+/// the scenarios.
 pub(crate) const fn options_at_fault(invalid: Invalid) -> &'static str {
     match invalid {
         Invalid::Order(figure) | Invalid::Implausible { figure, .. } => match figure {

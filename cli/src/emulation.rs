@@ -1,4 +1,5 @@
-//! Emulation: when a model on a device behind a recorded network would reply. Nothing is computed, only waited.
+//! Emulation: when a model on a device behind a recorded network would reply. Nothing is computed,
+//! only waited.
 
 use std::future;
 use std::sync::{Arc, OnceLock};

@@ -1,7 +1,7 @@
 //! A recorded network before a real server.
 //!
-//! [`forward`] reads HTTP/2 and nothing of gRPC: it passes headers, data and trailers on as they come, each as late as the network
-//! has it. A call that ends on one side ends on the other.
+//! [`forward`] reads HTTP/2 and nothing of gRPC: it passes headers, data and trailers on as they
+//! come, each as late as the network has it. A call that ends on one side ends on the other.
 
 use std::convert::Infallible;
 use std::future::{self, poll_fn};
@@ -42,11 +42,13 @@ pub(crate) struct RecordedNetwork {
     began: OnceLock<Instant>,
 }
 
-/// Forwards each call that comes to `listener` to `remote`, behind `network`, until `until` is ready.
+/// Forwards each call that comes to `listener` to `remote`, behind `network`, until `until` is
+/// ready.
 ///
-/// A call takes the round trip of the moment at which it comes: each part of its request half of it on the way there, each part
-/// of its response the other half. Metadata, deadlines, statuses and the ends of calls pass through, whatever service it is;
-/// `:authority` becomes the remote's. If the remote cannot be reached, calls fail `UNAVAILABLE`. Clients are not bounded as
+/// A call takes the round trip of the moment at which it comes: each part of its request half of it
+/// on the way there, each part of its response the other half. Metadata, deadlines, statuses and
+/// the ends of calls pass through, whatever service it is; `:authority` becomes the remote's. If
+/// the remote cannot be reached, calls fail `UNAVAILABLE`. Clients are not bounded as
 /// [`serve`](fuseline_tokio::grpc::serve) bounds them.
 ///
 /// # Errors
@@ -148,7 +150,8 @@ where
     B: http_body::Body<Data = Bytes> + Send + Unpin + 'static,
     B::Error: Into<Error>,
 {
-    // A reply that ends with its headers does so on the other side too: an error of gRPC without a message does.
+    // A reply that ends with its headers does so on the other side too: an error of gRPC without a
+    // message does.
     if body.is_end_stream() {
         return Body::empty();
     }

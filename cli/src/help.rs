@@ -1,4 +1,5 @@
-//! The help as people read it: without the marks of rustdoc, and with sentences that wrap where the terminal ends.
+//! The help as people read it: without the marks of rustdoc, and with sentences that wrap where the
+//! terminal ends.
 
 use clap::builder::StyledStr;
 use clap::{Arg, Command};

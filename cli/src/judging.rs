@@ -1,4 +1,5 @@
-//! The strict and the observed judge behind one interface, line by line, and the options that choose between them.
+//! The strict and the observed judge behind one interface, line by line, and the options that
+//! choose between them.
 
 mod beside;
 
@@ -37,9 +38,9 @@ pub(crate) struct JudgeOptions {
     /// Judge a recording of a concurrent implementation, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
-    /// The greatest error of a recorded instant, such as 2ms or 500us. With a source's name from the header,
-    /// such as server=10ms, the error of its requests, results and failures only; a cloud without a name is
-    /// named by its priority.
+    /// The greatest error of a recorded instant, such as 2ms or 500us. With a source's name from
+    /// the header, such as server=10ms, the error of its requests, results and failures only; a
+    /// cloud without a name is named by its priority.
     #[arg(long, value_name = "[SOURCE=]TIME", requires = "observed", value_parser = tolerance,
         allow_hyphen_values = true)]
     tolerance: Vec<Tolerance>,
@@ -47,17 +48,17 @@ pub(crate) struct JudgeOptions {
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     lateness: Option<Duration>,
-    /// The time from one message to the next, such as 100ms. A gap longer than this plus the lateness and
-    /// twice the tolerance breaks J1, even from the last open to the end of the trace.
+    /// The time from one message to the next, such as 100ms. A gap longer than this plus the
+    /// lateness and twice the tolerance breaks J1, even from the last open to the end of the trace.
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     period: Option<Duration>,
-    /// Treat the run as ended: whatever is not in the trace never came, and every timer that is left is
-    /// overdue. A message that only waits for local is unfinished, and not judged.
+    /// Treat the run as ended: whatever is not in the trace never came, and every timer that is
+    /// left is overdue. A message that only waits for local is unfinished, and not judged.
     #[arg(long, conflicts_with = "truncated")]
     ended: bool,
-    /// Judge a trace that a crash or a full disk cut off: ignore an incomplete last line and missing last
-    /// decisions. The verdict says what was ignored.
+    /// Judge a trace that a crash or a full disk cut off: ignore an incomplete last line and
+    /// missing last decisions. The verdict says what was ignored.
     #[arg(long)]
     truncated: bool,
     #[command(flatten)]
@@ -71,7 +72,8 @@ pub(crate) struct JudgeOptions {
 /// The doubts that the user accepts.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct AcceptOption {
-    /// Accept these kinds of doubt, such as silent. A trace in which nothing else is in doubt conforms.
+    /// Accept these kinds of doubt, such as silent. A trace in which nothing else is in doubt
+    /// conforms.
     #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = doubt_kind)]
     accept: Vec<DoubtKind>,
 }

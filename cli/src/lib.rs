@@ -1,6 +1,7 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 //!
-//! Each subcommand is a module with its options; `exit` has the exit codes, and `fault` the errors that stop a command.
+//! Each subcommand is a module with its options; `exit` has the exit codes, and `fault` the errors
+//! that stop a command.
 
 mod check;
 mod convert;
@@ -66,7 +67,8 @@ Exit codes:
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 
 /// Runs an operator that sends the best result available by each message's deadline, replays its
-/// inputs, and judges its trace or another implementation. Without a command it runs `fuseline run`.
+/// inputs, and judges its trace or another implementation. Without a command it runs
+/// `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]
@@ -158,8 +160,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Returns the filter of the log: `RUST_LOG` as `level` or `target=level,…`, or `None` if it is not set or has another
-/// form.
+/// Returns the filter of the log: `RUST_LOG` as `level` or `target=level,…`, or `None` if it is not
+/// set or has another form.
 fn log_filter() -> Option<Targets> {
     std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty())?.parse().ok()
 }

@@ -1,4 +1,5 @@
-//! The link of a run: one uplink and one downlink, each with a queue, that all of its requests and replies share.
+//! The link of a run: one uplink and one downlink, each with a queue, that all of its requests and
+//! replies share.
 
 use std::future;
 use std::sync::{Arc, Mutex};
@@ -32,8 +33,8 @@ impl EmulatedLink {
 
     /// Makes a call over this link, for a request and a reply of this many bytes.
     ///
-    /// A request that finds no room fails; a reply that finds none is lost, so that its call ends when it is due. The time in
-    /// the uplink is taken from the call's deadline.
+    /// A request that finds no room fails; a reply that finds none is lost, so that its call ends
+    /// when it is due. The time in the uplink is taken from the call's deadline.
     pub(crate) async fn carry<Res>(
         &self,
         [request_bytes, reply_bytes]: [usize; 2],

@@ -1,4 +1,5 @@
-//! The `fuseline` command; all of it is in the library beside this file, so that its tests have every feature.
+//! The `fuseline` command; all of it is in the library beside this file, so that its tests have
+//! every feature.
 
 use std::process::ExitCode;
 

@@ -1,6 +1,7 @@
 //! Outputs: files that appear whole or not at all, or standard output for `-`.
 //!
-//! An [`Output`] is never a file that the command reads, and an existing file is replaced only if the user said so.
+//! An [`Output`] is never a file that the command reads, and an existing file is replaced only if
+//! the user said so.
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
@@ -39,8 +40,8 @@ enum Target {
 /// The treatment of existing files.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Overwrite {
-    /// Replace files that exist. Without it, an existing file that you name is refused, and a default file name gets
-    /// a number.
+    /// Replace files that exist. Without it, an existing file that you name is refused, and a
+    /// default file name gets a number.
     #[arg(long)]
     pub(crate) force: bool,
 }
@@ -70,8 +71,8 @@ impl Output {
     /// Returns the file at `path`, or standard output for `-`.
     ///
     /// # Errors
-    /// If one of `inputs` is the same file, however it is named, or it can be no file, or there is one already that
-    /// is not to be replaced.
+    /// If one of `inputs` is the same file, however it is named, or it can be no file, or there is
+    /// one already that is not to be replaced.
     pub(crate) fn new(path: &Path, inputs: &[&Path], overwrite: Overwrite) -> Result<Self, Fault> {
         if input::is_standard(path) {
             refuse_onto_stdout(inputs)?;
@@ -86,7 +87,8 @@ impl Output {
         Ok(Self { name, target, overwrite })
     }
 
-    /// Returns the file at `path`. Without a path, it is called `default`, with a number if that file exists.
+    /// Returns the file at `path`. Without a path, it is called `default`, with a number if that
+    /// file exists.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -127,7 +129,8 @@ impl Output {
             Target::File(path) => path,
         };
         CAUGHT.call_once(|| {
-            // Where the command has caught it, that discards the file; where the system refuses, it stays.
+            // Where the command has caught it, that discards the file; where the system refuses, it
+            // stays.
             let _ = ctrlc::set_handler(|| {
                 discard();
                 print_line("interrupted; nothing was written");
@@ -215,7 +218,8 @@ fn is_special(path: &Path) -> bool {
 /// Returns the file at a path, links followed.
 ///
 /// # Errors
-/// If one of `inputs` is the same file, however it is named, or it is no file, or not to be replaced.
+/// If one of `inputs` is the same file, however it is named, or it is no file, or not to be
+/// replaced.
 pub(crate) fn file(path: &Path, inputs: &[&Path], overwrite: Overwrite) -> Result<PathBuf, Fault> {
     let name = || path.display().to_string();
     let metadata = match path.metadata() {

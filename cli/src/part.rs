@@ -15,7 +15,8 @@ use crate::fault::Fault;
 /// Selects messages of a trace. All of the trace is read.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct PartOptions {
-    /// Only messages that begin at this time after the trace's first instant, such as 90s, or later.
+    /// Only messages that begin at this time after the trace's first instant, such as 90s, or
+    /// later.
     #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
     from: Option<Duration>,
     /// Only messages that begin before this time after the trace's first instant, such as 2m.

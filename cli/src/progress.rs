@@ -31,7 +31,8 @@ pub(crate) fn watched<R: Read>(path: &Path, name: &str, file: R) -> ProgressBarI
     bar.with_finish(indicatif::ProgressFinish::AndClear).wrap_read(file)
 }
 
-/// The line of a command that takes a while. It stands below a bar on a terminal; elsewhere it is printed now and then.
+/// The line of a command that takes a while. It stands below a bar on a terminal; elsewhere it is
+/// printed now and then.
 pub(crate) struct ProgressLine(Option<ProgressBar>);
 
 impl ProgressLine {

@@ -52,12 +52,14 @@ pub(crate) struct Args {
     /// The traces, plain or packed (gzip, zstd, MCAP); - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
-    /// The page; - is standard output [default: report.html, or report-2.html and so on if that exists].
+    /// The page; - is standard output [default: report.html, or report-2.html and so on if that
+    /// exists].
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Make the page again whenever a trace has changed, until Ctrl-C; messages that are open then are not judged.
+    /// Make the page again whenever a trace has changed, until Ctrl-C; messages that are open then
+    /// are not judged.
     #[arg(long, conflicts_with = "ended")]
     watch: bool,
     #[command(flatten)]

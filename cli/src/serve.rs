@@ -41,12 +41,13 @@ pub(crate) struct Args {
     /// The address and port to listen on; port 0 chooses one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051")]
     listen: SocketAddr,
-    /// Forward calls to this server, http://HOST:PORT or https://HOST:PORT, instead of emulating a model.
+    /// Forward calls to this server, http://HOST:PORT or https://HOST:PORT, instead of emulating a
+    /// model.
     #[arg(long, value_name = "URL", requires = "drive",
         conflicts_with_all = ["model", "seed", "cert", "client_ca", "token_file"])]
     forward: Option<String>,
-    /// The model: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the paper's figures, or to describe
-    /// a model of your own.
+    /// The model: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the paper's
+    /// figures, or to describe a model of your own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
     /// The network to this server: a built-in drive or a CSV file (see fuseline run --help).

@@ -90,7 +90,8 @@ mod tests {
 
     use super::*;
 
-    /// Returns a file with this text and a tail of it that is already interrupted, so that nothing waits.
+    /// Returns a file with this text and a tail of it that is already interrupted, so that nothing
+    /// waits.
     fn tail(text: &str) -> (tempfile::NamedTempFile, Tail) {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         file.write_all(text.as_bytes()).unwrap();

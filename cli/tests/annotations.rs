@@ -1,4 +1,5 @@
-//! Keys of a trace beside the machine's, on the command line: whose value, which attempt, own deadlines, clocks that differ.
+//! Keys of a trace beside the machine's, on the command line: whose value, which attempt, own
+//! deadlines, clocks that differ.
 
 use std::fs;
 

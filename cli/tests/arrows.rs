@@ -1,4 +1,5 @@
-//! Arrows of `fuseline export --perfetto`, from operator to operator, for drawn operators whose clocks begin at different instants.
+//! Arrows of `fuseline export --perfetto`, from operator to operator, for drawn operators whose
+//! clocks begin at different instants.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -29,7 +30,8 @@ struct FrameVisit {
     knows_age: bool,
 }
 
-/// Operators in any order; which one knows its frames' ages beside which is a chain, so that each clock is known by others'.
+/// Operators in any order; which one knows its frames' ages beside which is a chain, so that each
+/// clock is known by others'.
 fn vehicle(rng: &mut Rng) -> Vec<(u64, Vec<FrameVisit>)> {
     let count = rng.usize(2..6);
     let mut operators: Vec<(u64, Vec<FrameVisit>)> =

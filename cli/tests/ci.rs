@@ -8,7 +8,8 @@ use serde_json::Value;
 
 const CLI: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Runs the line of a template as its host does, in `folder`, with the built command first on the path.
+/// Runs the line of a template as its host does, in `folder`, with the built command first on the
+/// path.
 fn host_runs(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
     let built = Path::new(env!("CARGO_BIN_EXE_fuseline")).parent().unwrap();
     let path = std::env::var("PATH").unwrap();

@@ -1,5 +1,6 @@
-//! Drawn logs: a clean run of a correct operator, in a drawn shape, with one drawn kind of dirt. Each is read rightly, or it is refused
-//! or noted with its place. `FUSELINE_DIRTY_LOGS=400` draws more than the default.
+//! Drawn logs: a clean run of a correct operator, in a drawn shape, with one drawn kind of dirt.
+//! Each is read rightly, or it is refused or noted with its place. `FUSELINE_DIRTY_LOGS=400` draws
+//! more than the default.
 
 use std::collections::BTreeMap;
 use std::env;
@@ -112,7 +113,8 @@ fn read_facts(trace: &str) -> Vec<Fact> {
     trace.lines().skip(1).map(fact).collect()
 }
 
-/// Returns whether two traces say the same, up to another beginning of time, other numbers of messages, and a microsecond of rounding.
+/// Returns whether two traces say the same, up to another beginning of time, other numbers of
+/// messages, and a microsecond of rounding.
 fn is_same(found: &[Fact], clean: &[Fact]) -> bool {
     let (Some(one), Some(other)) = (found.first(), clean.first()) else { return false };
     let (first, begin) = (one.2.min(other.2), other.0);
@@ -597,7 +599,8 @@ fn convert(folder: &Path, log: &DirtyLog, more: &[&str]) -> std::process::Output
     run(&[&["convert", "--header", &header, &file], &options[..], more].concat(), "")
 }
 
-/// Returns what is wrong with how a log was read; none if it was read rightly, refused or noted as it must be.
+/// Returns what is wrong with how a log was read; none if it was read rightly, refused or noted as
+/// it must be.
 fn mistake(folder: &Path, log: &DirtyLog, clean: &[Fact]) -> Option<String> {
     let done = convert(folder, log, &[]);
     let is_read = |done: &std::process::Output| {

@@ -199,7 +199,8 @@ fn options_that_are_kinds_now_are_refused() {
     }
 }
 
-/// A log of `n` messages, each answered by the cloud; `lines` makes the lines of a message from its opening.
+/// A log of `n` messages, each answered by the cloud; `lines` makes the lines of a message from its
+/// opening.
 fn log(n: u64, lines: impl Fn(u64, u64) -> Vec<String>) -> String {
     let header =
         "{\"fuseline\":1,\"window\":8,\"clouds\":[{\"p\":1,\"name\":\"west\",\"limit\":9}]}\n";
@@ -305,7 +306,8 @@ fn outputs_of_another_clock_are_told() {
         });
         cause(&in_order(&stamped))
     };
-    // An open that comes after its output is no second one, and its message is no message without an open.
+    // An open that comes after its output is no second one, and its message is no message without
+    // an open.
     let told = off(-300_000_000);
     assert!(told.contains("(20 violations), 20 timestamps judged"), "{told}");
     assert!(told.contains("outputs come 259 ms before the opens of their messages"), "{told}");
@@ -396,7 +398,8 @@ fn the_late_result_stands_in_the_story() {
     );
 }
 
-/// The page has a green badge only where nothing is in doubt, and says of violations what was found.
+/// The page has a green badge only where nothing is in doubt, and says of violations what was
+/// found.
 #[test]
 fn the_page_has_the_doubts() {
     let dir = tempdir().unwrap();

@@ -44,7 +44,8 @@ fn example(name: &str) -> String {
     format!("{}/../traces/examples/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Drives a command with these options. It may answer as late as on a busy host: what is wrong with it is not that.
+/// Drives a command with these options. It may answer as late as on a busy host: what is wrong with
+/// it is not that.
 fn drive(options: &[&str], command: &[&str]) -> Output {
     run(&[&["drive", "--wait", "120s"], options, &["--"], command].concat(), "")
 }

@@ -1,4 +1,5 @@
-//! `fuseline check` and `fuseline report` where more is known of a run than its trace: that it has ended, its period.
+//! `fuseline check` and `fuseline report` where more is known of a run than its trace: that it has
+//! ended, its period.
 
 use std::fs;
 
@@ -6,7 +7,8 @@ use crate::common::{OBSERVED, err, fuseline, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 
-/// The operator hangs over its second message: local's result is held, and the cloud's timer is never served.
+/// The operator hangs over its second message: local's result is held, and the cloud's timer is
+/// never served.
 const HANG: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":31}]}
 {"ev":"open","at":0,"t":0}
 {"ev":"result","at":3000000,"t":0,"p":0}

@@ -59,7 +59,8 @@ fn the_exit_code_is_the_greatest_of_all_files_whatever_their_order() {
                 let worst =
                     codes.max_by_key(|code| [0, 3, 1, 2].iter().position(|other| other == code));
                 assert_eq!(checked.status.code(), worst, "{args:?}: {}", err(&checked));
-                // Verdicts stand in the order of the files, and of what cannot be read there is one error.
+                // Verdicts stand in the order of the files, and of what cannot be read there is one
+                // error.
                 let of = |file: &&&CheckedFile| file.codes[option] != 2;
                 let verdicts = out(&checked).lines().filter(|line| line.contains("judged in"));
                 let named = some.iter().filter(of).map(|file| dir.path().join(file.name));

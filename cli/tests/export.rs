@@ -140,7 +140,8 @@ fn bad_input_is_one_line_and_leaves_the_output_as_it_was() {
     }
 }
 
-/// F1: a timestamp that comes once more is refused, and what is shown of the message that is open stays.
+/// F1: a timestamp that comes once more is refused, and what is shown of the message that is open
+/// stays.
 #[test]
 fn a_repeated_timestamp_leaves_the_slices_of_the_open_message_as_they_are() {
     let dir = tempdir().unwrap();
@@ -202,7 +203,8 @@ fn perfetto_has_as_many_tracks_of_a_source_as_calls_were_under_way_at_once() {
     assert_eq!(names, ["outputs", "local", "cloud 1", "local (2)", "cloud 1 (2)"]);
 }
 
-/// A detector and a tracker that began 1 ms after it: frame 41, which the tracker gets as its second message, and frame 40.
+/// A detector and a tracker that began 1 ms after it: frame 41, which the tracker gets as its
+/// second message, and frame 40.
 #[test]
 fn a_frame_is_followed_through_several_operators_on_one_clock() {
     let dir = tempdir().unwrap();

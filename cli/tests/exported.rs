@@ -23,7 +23,8 @@ fn exported(viewer: &str, files: &[&str]) -> (String, String) {
     (fs::read_to_string(output).unwrap(), err(&exported).to_owned())
 }
 
-/// An event of Perfetto's file: its process, the name of its track without the number behind it, and all that it says.
+/// An event of Perfetto's file: its process, the name of its track without the number behind it,
+/// and all that it says.
 type ShownEvent = (u64, String, String);
 
 /// A shown event's times are exact as text alone.
@@ -31,7 +32,8 @@ fn shown(pid: u64, track: &str, times: &str, event: &Value) -> ShownEvent {
     (pid, track.to_owned(), format!("{times} {event}"))
 }
 
-/// The events of a file but for those that name processes and tracks, and what those say of each process.
+/// The events of a file but for those that name processes and tracks, and what those say of each
+/// process.
 fn of_perfetto(text: &str) -> (Vec<ShownEvent>, BTreeMap<u64, String>) {
     serde_json::from_str::<Value>(text).unwrap();
     let (mut names, mut processes, mut events) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
@@ -290,7 +292,8 @@ fn of_call(trace: &DrawnTrace, call: &RecountedCall) -> String {
     span(&name, if p == 0 { 1 } else { 3 }, [begun, at], code, attributes)
 }
 
-/// A span as the file has it: what is compared, its id, its parent's and its trace's, and the frame that it is of.
+/// A span as the file has it: what is compared, its id, its parent's and its trace's, and the frame
+/// that it is of.
 fn read_span(span_value: &Value) -> (String, [Option<String>; 3], Option<[Value; 2]>) {
     let number = |key: &str| span_value[key].as_str().unwrap().parse().unwrap();
     let attributes = span_value["attributes"].as_array().unwrap().iter().map(|it| {

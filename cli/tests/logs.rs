@@ -418,7 +418,8 @@ fn runs_of_a_log_are_split() {
         assert_eq!(lines, counts, "{all:?}: {}", err(&split));
         assert!(err(&split).contains(&format!("from line {line}")), "{}", err(&split));
     }
-    // These are no restarts: rows as their frames end, an id that opens twice, a counter that wraps.
+    // These are no restarts: rows as their frames end, an id that opens twice, a counter that
+    // wraps.
     for (all, note) in [
         (
             &[(1, 1), (2, 2), (2, 2), (3, 3)][..],

@@ -1,4 +1,5 @@
-//! One program of the tests: it is built once, and what waits overlaps. Each runs the command in processes of its own.
+//! One program of the tests: it is built once, and what waits overlaps. Each runs the command in
+//! processes of its own.
 
 mod common;
 

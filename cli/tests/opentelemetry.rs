@@ -1,5 +1,6 @@
-//! The spans of an operator on tokio through `tracing-opentelemetry` and the OTLP JSON of OpenTelemetry's own types: `convert`
-//! makes of them what the operator's trace says, and it is judged.
+//! The spans of an operator on tokio through `tracing-opentelemetry` and the OTLP JSON of
+//! OpenTelemetry's own types: `convert` makes of them what the operator's trace says, and it is
+//! judged.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -21,8 +22,8 @@ use serde_json::Value;
 use tempfile::tempdir;
 use tracing_subscriber::layer::SubscriberExt;
 
-/// Tells a source what to do with a message. Nothing here depends on how quick the host is: what answers or fails does so at once, and
-/// has a minute; only what never answers is due soon.
+/// Tells a source what to do with a message. Nothing here depends on how quick the host is: what
+/// answers or fails does so at once, and has a minute; only what never answers is due soon.
 #[derive(Clone, Copy, Debug)]
 enum SourcePlan {
     Answers,
@@ -101,7 +102,8 @@ fn record(folder: &Path, messages: Vec<[SourcePlan; 3]>) {
     fs::write(folder.join("spans.json"), export).unwrap();
 }
 
-/// Returns what happened to each message, but for local's results: one that comes after its message's end is no longer its span's.
+/// Returns what happened to each message, but for local's results: one that comes after its
+/// message's end is no longer its span's.
 fn facts(trace: &str) -> BTreeSet<String> {
     let fact = |line: &str| {
         let event: Value = serde_json::from_str(line).unwrap();

@@ -301,7 +301,8 @@ fn spans_left_out_are_counted() {
         span["traceId"] = trace.into();
         span
     };
-    // The second trace has the same ids of spans; the third has no root; the fourth ends before it begins.
+    // The second trace has the same ids of spans; the third has no root; the fourth ends before it
+    // begins.
     let spans = [
         message("a", "1", [1, 9]),
         call("a", "2", "1", [1, 8]),

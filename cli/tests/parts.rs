@@ -9,7 +9,8 @@ use tempfile::tempdir;
 
 const MESSAGES: u64 = 300;
 
-/// A trace of messages 100 ms apart, each forwarded at once but each third, which stays without its emit.
+/// A trace of messages 100 ms apart, each forwarded at once but each third, which stays without its
+/// emit.
 fn trace() -> String {
     let mut trace = "{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n".to_owned();
     for t in 0..MESSAGES {
@@ -32,7 +33,8 @@ fn verdict(args: &[&str]) -> Value {
 fn a_verdict_on_a_part_lists_its_violations_however_many_came_before() {
     let whole = verdict(&[]);
     assert_eq!((&whole["judged"], &whole["conforms"]), (&MESSAGES.into(), &false.into()));
-    // 100 violations: those of the last messages would not be listed if the first ones took their place.
+    // 100 violations: those of the last messages would not be listed if the first ones took their
+    // place.
     let last = verdict(&["--timestamps", "291.."]);
     let found: Vec<u64> = last["violations"]
         .as_array()

@@ -173,8 +173,9 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let rows = rows(&dir.path().join("fuseline-probe.csv"));
     assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
     assert!(rows.is_sorted_by(|one, next| ms(&one[0]) < ms(&next[0])));
-    // The time for which the relay held an answer is in its round trip, and in the best of all little else.
-    // Two that were sent at once may come in either order, so each is found by its slot.
+    // The time for which the relay held an answer is in its round trip, and in the best of all
+    // little else. Two that were sent at once may come in either order, so each is found by its
+    // slot.
     let mut sent = requests.clone();
     sent.sort_by_key(|request| request.slot);
     let beyond = rows.iter().zip(&sent).map(|(row, request)| ms(&row[1]) - millis(request.held));
@@ -187,7 +188,8 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
         let printed = summary["answers_ms"][quantile].as_f64().unwrap();
         let index = (held.len() * percent).div_ceil(100) - 1;
-        // A histogram has values in steps, which are greater the greater they are, as on a busy host.
+        // A histogram has values in steps, which are greater the greater they are, as on a busy
+        // host.
         let step = (trips[index] / 1e4).max(0.01);
         assert!((printed - trips[index]).abs() < step, "{quantile}: {printed} of {}", trips[index]);
         assert!(printed >= held[index] - 0.1, "{quantile}: {printed} of {}", held[index]);
@@ -226,7 +228,8 @@ fn a_stall_leaves_31_unanswered_and_then_nothing_is_sent() {
     let svg = plotted(&plots, &["round-trips", "distribution"]);
     let answers = format!("{} answers, 0 failed or unanswered, 1 pause; p50 ", requests.len());
     assert!(svg.iter().all(|svg| svg.contains(&answers)), "{answers}");
-    // The key's and the pause's own, which is about a third of the 6 s, and less of what a busy host makes of them.
+    // The key's and the pause's own, which is about a third of the 6 s, and less of what a busy
+    // host makes of them.
     let bands = bands(&svg[0]);
     assert_eq!(bands.len(), 2, "{bands:?}");
     assert!((150.0..450.0).contains(&bands[0].max(bands[1])), "{bands:?}");

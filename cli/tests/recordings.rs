@@ -217,7 +217,8 @@ fn parts_of_a_bag_are_read_as_one() {
     assert!(err(&one).contains("it is one part of a bag of: 2 files"), "{}", err(&one));
 }
 
-/// The events of a service, by the definition of the service that recordings have instead of that of the events.
+/// The events of a service, by the definition of the service that recordings have instead of that
+/// of the events.
 #[test]
 fn events_of_a_service_are_requests_and_results() {
     let event = |at: u64, kind: u8, number: i64| {

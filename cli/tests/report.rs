@@ -1,4 +1,5 @@
-//! `fuseline report`, run as a user runs it. What the page does with its data is tried by `.ci/run report`.
+//! `fuseline report`, run as a user runs it. What the page does with its data is tried by
+//! `.ci/run report`.
 
 use std::fs;
 use std::path::{Path, PathBuf};

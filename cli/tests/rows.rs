@@ -1,4 +1,5 @@
-//! Rows of CSV, and the lines that errors name, of every command that reads them; drawn traces as rows and objects.
+//! Rows of CSV, and the lines that errors name, of every command that reads them; drawn traces as
+//! rows and objects.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -92,7 +93,8 @@ impl DrawnFormat {
     /// Names are within `outer` or have a blank.
     fn draw(number: u64, trace: &DrawnTrace, outer: &str) -> Self {
         let mut rng = Rng::with_seed(number);
-        // Keys that mean something else in many logs are read only where they are named, and what is named must occur.
+        // Keys that mean something else in many logs are read only where they are named, and what
+        // is named must occur.
         let is_named = |key: &str| {
             ["seq", "origin", "age", "within", "try", "of", "for", "why"].contains(&key)
         };
@@ -258,7 +260,8 @@ fn a_trace_written_as_rows_or_objects_is_converted_back() {
     }
 }
 
-/// D10: each cell is an event, those of one row in the order of what they are, and all in that of their instants.
+/// D10: each cell is an event, those of one row in the order of what they are, and all in that of
+/// their instants.
 #[test]
 fn frames_have_an_event_for_each_cell() {
     let dir = tempfile::tempdir().unwrap();

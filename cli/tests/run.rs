@@ -40,7 +40,8 @@ fn a_run_adds_up_and_leaves_a_trace_that_conforms() {
     assert_eq!(run(&["check", trace], "").status.code(), Some(0));
     assert_eq!(out(&run(&["replay", trace], "")), fs::read_to_string(trace).unwrap());
 
-    // Within what this machine took at most to serve a timer, the trace conforms as an observed one too.
+    // Within what this machine took at most to serve a timer, the trace conforms as an observed one
+    // too.
     let lag_ms = report["timer_lag_ms"].as_f64().unwrap_or(0.0);
     let lateness = format!("{}us", (lag_ms * 1000.0).ceil() + 1.0);
     let observed = ["check", "--observed", "--tolerance", "1us", "--lateness", &lateness, trace];
@@ -315,8 +316,8 @@ fn assert_breaks_nothing(printed: &[String], code: Option<i32>) {
     assert_eq!(code, Some(if conforms { 0 } else { 3 }), "{printed:?}");
 }
 
-/// Returns what the command still prints, and its exit code. A command that does not end within a minute is killed, and
-/// fails the test.
+/// Returns what the command still prints, and its exit code. A command that does not end within a
+/// minute is killed, and fails the test.
 #[cfg(unix)]
 fn ended(mut child: Child, lines: impl Iterator<Item = String>) -> (Vec<String>, Option<i32>) {
     let (id, (done, is_done)) = (child.id(), channel());

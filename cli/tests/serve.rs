@@ -55,7 +55,8 @@ impl Drop for Server {
     }
 }
 
-/// A server that was started, and what it first says: where it listens, or nothing if it is refused.
+/// A server that was started, and what it first says: where it listens, or nothing if it is
+/// refused.
 fn begun(directory: &Path, args: &[&str], token: &OsStr) -> (Child, String) {
     let mut child = fuseline(&[&["serve"], args].concat())
         .current_dir(directory)

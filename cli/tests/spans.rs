@@ -1,4 +1,5 @@
-//! The spans of an operator on tokio, exported as `tracing-opentelemetry` does it, come back as its trace.
+//! The spans of an operator on tokio, exported as `tracing-opentelemetry` does it, come back as its
+//! trace.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -108,7 +109,8 @@ impl<S: tracing::Subscriber + for<'a> LookupSpan<'a>> Layer<S> for SpanExporter 
     }
 }
 
-/// Two clouds and local, which do as the message says: after how long they answer, and whether they fail.
+/// Two clouds and local, which do as the message says: after how long they answer, and whether they
+/// fail.
 struct Planned;
 
 impl Operator for Planned {
@@ -130,7 +132,8 @@ async fn act(index: usize, after: u32, fails: bool) -> Result<usize, Error> {
     if fails { Err("as planned".into()) } else { Ok(index) }
 }
 
-/// Plays them, 100 ms apart, with a trace and spans in this folder; stops after this long if it is to.
+/// Plays them, 100 ms apart, with a trace and spans in this folder; stops after this long if it is
+/// to.
 fn play(folder: &Path, messages: &[[(u32, bool); 3]], stops_after: Option<Duration>) {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     let runtime = builder.enable_time().start_paused(true).build().unwrap();

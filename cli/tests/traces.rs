@@ -250,7 +250,8 @@ fn check_reads_what_export_made_for_viewers() {
         out(&run(&["check", recording], "")),
         out(&run(&["check", trace], "")).replace(trace, recording)
     );
-    // Written as a recorder would: what is free to be left out, or in another order, is as an export has it.
+    // Written as a recorder would: what is free to be left out, or in another order, is as an
+    // export has it.
     assert_eq!(run(&["replay", recording], "").status.code(), Some(0));
     let whole = fs::read(&paths[1]).unwrap();
     fs::write(&paths[1], &whole[..whole.len() / 2]).unwrap();
@@ -427,7 +428,8 @@ fn help_and_version_are_no_errors() {
     assert!(out(&run(&["--help"], "")).contains("Exit codes:"));
 }
 
-/// A good trace, a bad one whose name must be written otherwise in a URI and in XML, and one that cannot be read.
+/// A good trace, a bad one whose name must be written otherwise in a URI and in XML, and one that
+/// cannot be read.
 fn three() -> (tempfile::TempDir, Vec<PathBuf>) {
     let bad = TRACE.replace("\"ev\":\"hold\"", "\"ev\":\"emit\"");
     files(&[("good.jsonl", TRACE), ("bad <& ü>.jsonl", &bad), ("none.jsonl", "{}\n")])

@@ -1,5 +1,5 @@
-//! A whole operator around the core: a clock, threads, and values. The cloud returns one of three results.
-//! Run it with `cargo run -p fuseline-core --example operator`.
+//! A whole operator around the core: a clock, threads, and values. The cloud returns one of three
+//! results. Run it with `cargo run -p fuseline-core --example operator`.
 
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant as Clock};

@@ -1,5 +1,5 @@
-//! The answers to inputs. Each kind of input has its own enum, and each refusal and drop has a reason (F8,
-//! P11).
+//! The answers to inputs. Each kind of input has its own enum, and each refusal and drop has a
+//! reason (F8, P11).
 
 use crate::priority::{Priorities, Priority};
 use crate::time::{Instant, Timestamp};
@@ -90,12 +90,14 @@ pub enum OfferRefusal {
 pub enum Outcome<const CLOUDS: usize> {
     /// The result or failure was dropped and changed nothing. Timers are never dropped.
     Dropped(DropReason),
-    /// Keep the result: it is available, but a source that outranks it is pending. Only results are held.
+    /// Keep the result: it is available, but a source that outranks it is pending. Only results are
+    /// held.
     Held,
-    /// The failure or the timers closed requests, and the timestamp stays open. Results never get this
-    /// answer.
+    /// The failure or the timers closed requests, and the timestamp stays open. Results never get
+    /// this answer.
     Waiting,
-    /// Send the result of `by` downstream. The timestamp stays open because better results may follow (F9).
+    /// Send the result of `by` downstream. The timestamp stays open because better results may
+    /// follow (F9).
     ///
     /// Only results get this answer, and only under the progressive commit rule.
     Preliminary {
@@ -119,8 +121,8 @@ pub enum Outcome<const CLOUDS: usize> {
         /// The clouds still pending. Their calls may be aborted.
         cancelled: Priorities<CLOUDS>,
     },
-    /// The timestamp is retired: no result arrived in time and none is pending. Results never get this
-    /// answer.
+    /// The timestamp is retired: no result arrived in time and none is pending. Results never get
+    /// this answer.
     Missed,
 }
 
@@ -137,8 +139,8 @@ pub enum Outcome<const CLOUDS: usize> {
 pub enum DropReason {
     /// No source has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown,
-    /// The timestamp is not open: it was forwarded, missed or never opened. Under the progressive rule this
-    /// also means that the last output outranks the source.
+    /// The timestamp is not open: it was forwarded, missed or never opened. Under the progressive
+    /// rule this also means that the last output outranks the source.
     Superseded,
     /// The source was not requested for this timestamp.
     Unsolicited,

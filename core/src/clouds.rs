@@ -87,15 +87,19 @@ impl ConfigError {
     }
 }
 
-/// Keeps up to `CLOUDS` (0 to 15) registered clouds and their gates, and numbers the clouds as sources.
+/// Keeps up to `CLOUDS` (0 to 15) registered clouds and their gates, and numbers the clouds as
+/// sources.
 ///
-/// [`Fusion`](crate::Fusion) keeps one. Use it directly only to build a machine that stores open timestamps in another way.
+/// [`Fusion`](crate::Fusion) keeps one. Use it directly only to build a machine that stores open
+/// timestamps in another way.
 ///
 /// - constructor: [`new`](Self::new)
-/// - names: [`source`](Self::source), [`priority`](Self::priority), [`priorities`](Self::priorities)
+/// - names: [`source`](Self::source), [`priority`](Self::priority),
+///   [`priorities`](Self::priorities)
 /// - gates: [`gate`](Self::gate), [`gate_mut`](Self::gate_mut)
 /// - conversion of decisions: [`outcome`](Self::outcome)
-// The arrays are in ascending priority, and index `i` is source `i + 1`. Entries from `len` on are unused.
+// The arrays are in ascending priority, and index `i` is source `i + 1`. Entries from `len` on are
+// unused.
 #[derive(Clone, Copy)]
 pub struct Clouds<const CLOUDS: usize> {
     pub(crate) priorities: [Priority; CLOUDS],
@@ -127,7 +131,8 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(registered)
     }
 
-    /// Inserts a cloud before the first one that outranks it, so that the arrays stay in ascending order.
+    /// Inserts a cloud before the first one that outranks it, so that the arrays stay in ascending
+    /// order.
     fn insert(&mut self, cloud: Cloud) -> Result<(), ConfigError> {
         if cloud.priority == Priority::LOCAL {
             return Err(ConfigError::LocalPriority);
@@ -155,8 +160,8 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(())
     }
 
-    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
-    /// local.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority
+    /// 0 is local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         if priority == Priority::LOCAL {
@@ -218,8 +223,8 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
     }
 
-    /// Returns a cloud's gate for an offer to change, or `None` for local and for a source that is not
-    /// registered.
+    /// Returns a cloud's gate for an offer to change, or `None` for local and for a source that is
+    /// not registered.
     pub fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
         self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
     }

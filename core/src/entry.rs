@@ -5,9 +5,11 @@ use crate::slot::Slot;
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant};
 
-/// Stores the [`Slot`] of an open timestamp and the due instants of its timers, for up to `CLOUDS` clouds.
+/// Stores the [`Slot`] of an open timestamp and the due instants of its timers, for up to `CLOUDS`
+/// clouds.
 ///
-/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. Use it directly only to build a machine that stores open timestamps in another way.
+/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. Use it directly only to build a
+/// machine that stores open timestamps in another way.
 #[derive(Clone, Copy)]
 pub struct Entry<const CLOUDS: usize> {
     pub(crate) slot: Slot,
@@ -18,14 +20,15 @@ pub struct Entry<const CLOUDS: usize> {
 impl<const CLOUDS: usize> Entry<CLOUDS> {
     pub(crate) const EMPTY: Self = Self::new(Slot::RETIRED);
 
-    /// Creates an entry with these sets. Every due instant is [`Instant::START`], so set those of the armed
-    /// timers.
+    /// Creates an entry with these sets. Every due instant is [`Instant::START`], so set those of
+    /// the armed timers.
     #[must_use]
     pub const fn new(slot: Slot) -> Self {
         Self { slot, local_due: Instant::START, dues: [Instant::START; CLOUDS] }
     }
 
-    /// Creates the entry of a timestamp that is opened at `now`, with local's `deadline` if it has one (F1).
+    /// Creates the entry of a timestamp that is opened at `now`, with local's `deadline` if it has
+    /// one (F1).
     ///
     /// # Errors
     /// Returns [`OpenRefusal::Deadline`] if local's due instant is not later than `now`.
@@ -49,7 +52,8 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         self.slot = slot;
     }
 
-    /// Returns the due instant of this source's timer. The value means nothing unless the timer is armed.
+    /// Returns the due instant of this source's timer. The value means nothing unless the timer is
+    /// armed.
     #[must_use]
     pub fn due(&self, source: Source) -> Instant {
         match usize::from(source.index()).checked_sub(1) {
@@ -70,8 +74,8 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
-    // The next two methods look at every timer, armed or not: without branches that is faster than finding
-    // the armed ones.
+    // The next two methods look at every timer, armed or not: without branches that is faster than
+    // finding the armed ones.
 
     /// Returns the armed timers whose due instant is exactly `due`. They fire together (F5).
     #[must_use]

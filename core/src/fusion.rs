@@ -1,4 +1,5 @@
-//! The machine: keeps the window, the due instants and the gates, and steps one timestamp at a time.
+//! The machine: keeps the window, the due instants and the gates, and steps one timestamp at a
+//! time.
 
 use crate::answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 use crate::clouds::{Cloud, Clouds, ConfigError};
@@ -10,13 +11,14 @@ use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{OpenIndex, Window};
 
-/// Decides for one operator, with up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
-/// Two machines are equal if they give the same answers to all further inputs.
+/// Decides for one operator, with up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
+/// timestamps. Two machines are equal if they give the same answers to all further inputs.
 ///
 /// - constructor: [`new`](Self::new)
 /// - inputs: [`ready`](Self::ready) or [`at`](Self::at), then one method of [`Ready`]
-/// - queries: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest), [`open`](Self::open),
-///   [`slot`](Self::slot), [`due`](Self::due), [`offer_refusal`](Self::offer_refusal), [`gate`](Self::gate)
+/// - queries: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest),
+///   [`open`](Self::open), [`slot`](Self::slot), [`due`](Self::due),
+///   [`offer_refusal`](Self::offer_refusal), [`gate`](Self::gate)
 #[derive(Clone)]
 pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) commit: Commit,
@@ -45,12 +47,13 @@ pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
-    /// Creates a machine without open timestamps, its clock at [`Instant::START`] and its gates open.
+    /// Creates a machine without open timestamps, its clock at [`Instant::START`] and its gates
+    /// open.
     ///
-    /// `window`, from 1 to `WINDOW`, is the greatest number of timestamps that may be open at once. The order
-    /// of `clouds` does not matter (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. A
-    /// machine takes about 100 bytes or more for each timestamp of its capacity, so put a large one in a
-    /// `Box` where stacks are small.
+    /// `window`, from 1 to `WINDOW`, is the greatest number of timestamps that may be open at once.
+    /// The order of `clouds` does not matter (P10). Capacities beyond 15 clouds or 1024 timestamps
+    /// do not compile. A machine takes about 100 bytes or more for each timestamp of its capacity,
+    /// so put a large one in a `Box` where stacks are small.
     ///
     /// # Errors
     /// Returns the first [`ConfigError`] that holds.
@@ -67,8 +70,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 
     /// Advances the clock to `now` and fires the earliest timers that are due by then, if any (F0).
     ///
-    /// An earlier `now` does not move the clock back. Call it until it returns [`At::Ready`]: at most once
-    /// for each armed timer, and once more. A call without an input after it is a tick.
+    /// An earlier `now` does not move the clock back. Call it until it returns [`At::Ready`]: at
+    /// most once for each armed timer, and once more. A call without an input after it is a tick.
     #[inline]
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         match self.first_due(now) {
@@ -77,11 +80,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         }
     }
 
-    /// Advances the clock to `now`, passes each firing that is due by then to `fired`, and accepts inputs
-    /// (F0).
+    /// Advances the clock to `now`, passes each firing that is due by then to `fired`, and accepts
+    /// inputs (F0).
     ///
-    /// An earlier `now` does not move the clock back. The firings come in order, at most one for each armed
-    /// timer. This does what calling [`at`](Self::at) until [`At::Ready`] does.
+    /// An earlier `now` does not move the clock back. The firings come in order, at most one for
+    /// each armed timer. This does what calling [`at`](Self::at) until [`At::Ready`] does.
     pub fn ready(
         &mut self,
         now: Instant,
@@ -93,7 +96,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         Ready { fusion: self }
     }
 
-    /// Returns the earliest instant at which a timer is due, or `None` if no timer is armed. Tick then.
+    /// Returns the earliest instant at which a timer is due, or `None` if no timer is armed. Tick
+    /// then.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.open.next_due()
@@ -129,7 +133,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         Some(self.open.entry(self.open.find(timestamp)?).slot)
     }
 
-    /// Returns the due instant of the timer of `(timestamp, priority)`, or `None` if the timer is not armed.
+    /// Returns the due instant of the timer of `(timestamp, priority)`, or `None` if the timer is
+    /// not armed.
     #[must_use]
     pub fn due(&self, timestamp: Timestamp, priority: Priority) -> Option<Instant> {
         let source = self.clouds.source(priority)?;
@@ -137,10 +142,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         entry.slot.armed().contains(source).then(|| entry.due(source))
     }
 
-    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted (F2).
+    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted
+    /// (F2).
     ///
-    /// Nothing changes, not even the gate or the clock. Ask before preparing a request if preparing it is
-    /// costly or counts, as a policy's decision does (T6).
+    /// Nothing changes, not even the gate or the clock. Ask before preparing a request if preparing
+    /// it is costly or counts, as a policy's decision does (T6).
     #[must_use]
     pub fn offer_refusal(
         &self,
@@ -175,8 +181,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.clouds.gate(self.clouds.source(cloud)?).copied()
     }
 
-    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
-    /// local.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority
+    /// 0 is local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
@@ -206,8 +212,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.commit
     }
 
-    /// Advances the clock (F0) and returns the first timestamp with a timer that is due by then, and that due
-    /// instant.
+    /// Advances the clock (F0) and returns the first timestamp with a timer that is due by then,
+    /// and that due instant.
     #[inline]
     fn first_due(&mut self, now: Instant) -> Option<(OpenIndex, Instant)> {
         self.now = self.now.max(now);
@@ -247,8 +253,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
     /// Opens `timestamp` because a message with it arrived (F1).
     ///
-    /// `deadline` is how long local may take, or `None` if that is not bounded. A refused open changes
-    /// nothing.
+    /// `deadline` is how long local may take, or `None` if that is not bounded. A refused open
+    /// changes nothing.
     pub fn open(&mut self, timestamp: Timestamp, deadline: Option<Deadline>) -> Opening {
         let fusion = &mut *self.fusion;
         if fusion.was_reached(timestamp) {
@@ -269,8 +275,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
 
     /// Asks whether the message may be sent to this cloud (F2).
     ///
-    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
-    /// without this message. Send the request only if it is admitted.
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing
+    /// queue without this message. Send the request only if it is admitted.
     pub fn offer(
         &mut self,
         timestamp: Timestamp,
@@ -301,7 +307,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         self.close(timestamp, source, Cause::Result)
     }
 
-    /// Reports that no result will come from a source: its call failed, or local produced nothing (F4).
+    /// Reports that no result will come from a source: its call failed, or local produced nothing
+    /// (F4).
     pub fn fail(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
         self.close(timestamp, source, Cause::Failure)
     }
@@ -324,8 +331,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         };
         match self.fusion.open.find(timestamp) {
             Some(index) => self.fusion.close(index, cause(source)),
-            // A result for a retired or skipped timestamp is superseded, even if it is late as well (F3,
-            // A16).
+            // A result for a retired or skipped timestamp is superseded, even if it is late as well
+            // (F3, A16).
             None => Outcome::Dropped(DropReason::Superseded),
         }
     }

@@ -1,6 +1,7 @@
 //! The gate, which admits one cloud's requests by the length of its outgoing queue (F2g).
 
-/// Admits one cloud's requests: shuts at `limit` queued requests, and opens again at `resume` or fewer.
+/// Admits one cloud's requests: shuts at `limit` queued requests, and opens again at `resume` or
+/// fewer.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gate {

@@ -1,17 +1,19 @@
 //! Stores the values of held results, for callers that have no other place for them.
 //!
-//! The machine decides by timestamps and priorities alone and never sees a value. [`Held`] stores the value
-//! of the best held result of each open timestamp, and returns it when that result is forwarded.
+//! The machine decides by timestamps and priorities alone and never sees a value. [`Held`] stores
+//! the value of the best held result of each open timestamp, and returns it when that result is
+//! forwarded.
 
 use crate::answer::{Firing, Outcome};
 use crate::priority::Priority;
 use crate::time::Timestamp;
 
-/// Stores the values of held results: for each of up to `WINDOW` open timestamps, the value of the best one.
+/// Stores the values of held results: for each of up to `WINDOW` open timestamps, the value of the
+/// best one.
 ///
-/// Only the best available result can be forwarded (P3), so a value is dropped as soon as a better result is
-/// held or its timestamp is retired. Pass every outcome and every firing to this store; then no value stays
-/// behind. Each call looks at each of the `WINDOW` values at most twice.
+/// Only the best available result can be forwarded (P3), so a value is dropped as soon as a better
+/// result is held or its timestamp is retired. Pass every outcome and every firing to this store;
+/// then no value stays behind. Each call looks at each of the `WINDOW` values at most twice.
 ///
 /// ```
 /// use fuseline_core::*;
@@ -74,7 +76,8 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Takes the outcome of a failure (F4). Returns the value to send downstream, if one is forwarded.
+    /// Takes the outcome of a failure (F4). Returns the value to send downstream, if one is
+    /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn failure<const CLOUDS: usize>(
         &mut self,

@@ -1,7 +1,8 @@
 //! The four sets of one timestamp, and the pure step that decides about it (F2–F7, F9).
 //!
-//! Every decision about a result is made here, from sets of at most 16 sources. This module knows no clock,
-//! due instant, priority number or other timestamp. `fusion.rs` knows those and calls the step.
+//! Every decision about a result is made here, from sets of at most 16 sources. This module knows
+//! no clock, due instant, priority number or other timestamp. `fusion.rs` knows those and calls the
+//! step.
 
 use crate::answer::{Admission, DropReason, OfferRefusal};
 use crate::gate::Gate;
@@ -17,20 +18,22 @@ use crate::time::{Deadline, Instant};
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Commit {
-    /// Forwards the best available result as soon as any cloud's timer fires, even the timer of another
-    /// cloud.
+    /// Forwards the best available result as soon as any cloud's timer fires, even the timer of
+    /// another cloud.
     #[default]
     Eager,
-    /// Forwards the best available result once nothing that outranks it is pending. A timer closes only its
-    /// own request.
+    /// Forwards the best available result once nothing that outranks it is pending. A timer closes
+    /// only its own request.
     Patient,
-    /// Forwards each result that is better than those before it at once. Better ones may follow (F9).
+    /// Forwards each result that is better than those before it at once. Better ones may follow
+    /// (F9).
     Progressive,
 }
 
 /// The four sets of one timestamp.
 ///
-/// Every value is a state that inputs can lead to under the commit rule with which it was made and stepped.
+/// Every value is a state that inputs can lead to under the commit rule with which it was made and
+/// stepped.
 ///
 /// ```
 /// use fuseline_core::{Cause, Commit, Decision, Slot, Source};
@@ -75,7 +78,8 @@ pub enum Decision {
         /// The clouds that were pending and that the result outranks.
         cancelled: Sources,
     },
-    /// The result of `by`, sent before, is the last one, and the timestamp is retired (F9). Progressive only.
+    /// The result of `by`, sent before, is the last one, and the timestamp is retired (F9).
+    /// Progressive only.
     Final {
         /// The source of the result.
         by: Source,
@@ -104,8 +108,8 @@ pub enum InvalidSlot {
     NothingPending,
     /// Nothing pending outranks the best available result, so it would have been forwarded (P4).
     Unforwarded,
-    /// Under the progressive rule, cached has another member than the last output, or the last output
-    /// outranks a pending source (F9).
+    /// Under the progressive rule, cached has another member than the last output, or the last
+    /// output outranks a pending source (F9).
     Outranked,
     /// The armed timers differ from those that the commit rule keeps (P8).
     Timers,
@@ -128,7 +132,8 @@ impl core::fmt::Display for InvalidSlot {
 impl core::error::Error for InvalidSlot {}
 
 impl Slot {
-    /// A timestamp that is no longer open. All sets are empty, so inputs for it are superseded or closed.
+    /// A timestamp that is no longer open. All sets are empty, so inputs for it are superseded or
+    /// closed.
     pub const RETIRED: Self = Self {
         requested: Sources::EMPTY,
         pending: Sources::EMPTY,
@@ -136,8 +141,8 @@ impl Slot {
         cached: Sources::EMPTY,
     };
 
-    /// Returns the state of a timestamp that was just opened and waits for local (F1). `limited` is `true` if
-    /// local has a deadline.
+    /// Returns the state of a timestamp that was just opened and waits for local (F1). `limited` is
+    /// `true` if local has a deadline.
     #[must_use]
     pub const fn open(limited: bool) -> Self {
         let armed = if limited { Sources::LOCAL } else { Sources::EMPTY };
@@ -190,8 +195,8 @@ impl Slot {
         Ok(slot)
     }
 
-    /// Checks an offer by the sets alone (F2): returns the state with `source` requested, or this state and
-    /// the first reason to refuse.
+    /// Checks an offer by the sets alone (F2): returns the state with `source` requested, or this
+    /// state and the first reason to refuse.
     ///
     /// [`admit`](Self::admit) also checks the offer's deadline and the gate.
     #[must_use]
@@ -215,11 +220,11 @@ impl Slot {
         (admitted, None)
     }
 
-    /// Checks an offer to a registered cloud (F2): returns the state with `source` requested, or this state
-    /// and the first reason to refuse.
+    /// Checks an offer to a registered cloud (F2): returns the state with `source` requested, or
+    /// this state and the first reason to refuse.
     ///
-    /// `gate` is the cloud's own gate. It is consulted last, so that a request that is refused for another
-    /// reason does not change it (F2g).
+    /// `gate` is the cloud's own gate. It is consulted last, so that a request that is refused for
+    /// another reason does not change it (F2g).
     #[inline]
     pub fn admit(
         self,
@@ -277,15 +282,15 @@ impl Slot {
         self.armed
     }
 
-    /// Returns the sources whose result arrived in time and is held. Under the progressive rule, returns the
-    /// source of the last output.
+    /// Returns the sources whose result arrived in time and is held. Under the progressive rule,
+    /// returns the source of the last output.
     #[must_use]
     pub const fn cached(self) -> Sources {
         self.cached
     }
 
-    /// Drops a result, forwards it, or holds it while a source that outranks it is pending (F3). The
-    /// progressive rule sends it instead of holding it.
+    /// Drops a result, forwards it, or holds it while a source that outranks it is pending (F3).
+    /// The progressive rule sends it instead of holding it.
     #[inline]
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
@@ -297,8 +302,8 @@ impl Slot {
             return self.forward(source);
         }
         match commit {
-            // Under eager a cloud's timer runs on, to commit the best available result. Local's timer never
-            // commits (F3, A3).
+            // Under eager a cloud's timer runs on, to commit the best available result. Local's
+            // timer never commits (F3, A3).
             Commit::Eager if source != Source::LOCAL => {}
             Commit::Eager | Commit::Patient => self.armed = self.armed.without(source),
             Commit::Progressive => return self.send(source),
@@ -307,7 +312,8 @@ impl Slot {
         (self, Decision::Held)
     }
 
-    /// Sends a result while a better one is pending, and cancels the requests that it outranks (F9).
+    /// Sends a result while a better one is pending, and cancels the requests that it outranks
+    /// (F9).
     #[inline]
     fn send(mut self, by: Source) -> (Self, Decision) {
         let better = self.pending.above(by);
@@ -318,8 +324,8 @@ impl Slot {
         (self, Decision::Preliminary { by, cancelled })
     }
 
-    /// Drops a failure for the reasons that drop a result, or closes its request and settles the timestamp
-    /// (F4).
+    /// Drops a failure for the reasons that drop a result, or closes its request and settles the
+    /// timestamp (F4).
     #[inline]
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
@@ -356,16 +362,17 @@ impl Slot {
         } else if self.cached.contains(source) {
             Some(DropReason::Duplicate)
         } else {
-            // A timer or a failure closed this request, and a closed request is never forwarded (F3, P2).
+            // A timer or a failure closed this request, and a closed request is never forwarded
+            // (F3, P2).
             Some(DropReason::Late)
         }
     }
 
     /// Forwards, misses or waits after requests were closed (F6).
     ///
-    /// After the last timer has fired, nothing pending outranks the available result. So local's result is
-    /// forwarded by then (P5), and a timestamp opened with a deadline is retired by then (P7). Once local has
-    /// arrived, only clouds are pending (P12).
+    /// After the last timer has fired, nothing pending outranks the available result. So local's
+    /// result is forwarded by then (P5), and a timestamp opened with a deadline is retired by then
+    /// (P7). Once local has arrived, only clouds are pending (P12).
     #[inline]
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
         // Only the greatest available result can be forwarded, whatever the cause (F6, P3).
@@ -383,8 +390,8 @@ impl Slot {
         }
     }
 
-    /// Sends a result and cancels the pending clouds (F7). It also retires the timestamp, so this happens
-    /// once (P1).
+    /// Sends a result and cancels the pending clouds (F7). It also retires the timestamp, so this
+    /// happens once (P1).
     #[inline]
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })

@@ -1,7 +1,7 @@
 //! The sources of results, and sets of them.
 
-/// Numbers where a result comes from: source 0 is local, and sources 1 to 15 are the configured clouds in
-/// ascending priority.
+/// Numbers where a result comes from: source 0 is local, and sources 1 to 15 are the configured
+/// clouds in ascending priority.
 ///
 /// The greater of two sources outranks the other.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -2,8 +2,8 @@
 
 /// A reading of one monotonic clock, in nanoseconds from any fixed start.
 ///
-/// Every `u64` is a legal value. Nothing wraps at the end of the range: due instants saturate, and a clock
-/// that has reached [`Instant::END`] stays there (A14).
+/// Every `u64` is a legal value. Nothing wraps at the end of the range: due instants saturate, and
+/// a clock that has reached [`Instant::END`] stays there (A14).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -27,14 +27,15 @@ impl Instant {
         self.0
     }
 
-    /// Returns the due instant of a deadline that starts at this instant. It saturates at [`Instant::END`].
+    /// Returns the due instant of a deadline that starts at this instant. It saturates at
+    /// [`Instant::END`].
     #[must_use]
     pub const fn saturating_add(self, deadline: Deadline) -> Self {
         Self(self.0.saturating_add(deadline.0))
     }
 
-    /// Returns the due instant of a deadline that starts at this instant, or `None` if the due instant is not
-    /// later than this instant (A11).
+    /// Returns the due instant of a deadline that starts at this instant, or `None` if the due
+    /// instant is not later than this instant (A11).
     #[must_use]
     pub const fn due(self, deadline: Deadline) -> Option<Self> {
         let due = self.saturating_add(deadline);
@@ -79,7 +80,8 @@ impl From<core::time::Duration> for Deadline {
 
 /// Counts the messages of an operator. It is not a time of day.
 ///
-/// Every `u64` is a legal value. Timestamps must be opened in ascending order and may have gaps (F1).
+/// Every `u64` is a legal value. Timestamps must be opened in ascending order and may have gaps
+/// (F1).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

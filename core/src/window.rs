@@ -6,12 +6,12 @@
 //! is reached, everything moves to their start. That happens at most once for every `CAPACITY`
 //! openings.
 //!
-//! Each entry has a key that orders the firings (F5). A tree with four children for each node stores the
-//! least key of each group. When a key changes, it is compared with the three keys beside it, and the least
-//! moves up a level, until a level stays the same.
+//! Each entry has a key that orders the firings (F5). A tree with four children for each node
+//! stores the least key of each group. When a key changes, it is compared with the three keys
+//! beside it, and the least moves up a level, until a level stays the same.
 //!
-//! Every access is checked: a read beyond an array yields nothing, and a write there changes nothing, so this
-//! module cannot panic. `fusion.rs` has the machine that uses the window.
+//! Every access is checked: a read beyond an array yields nothing, and a write there changes
+//! nothing, so this module cannot panic. `fusion.rs` has the machine that uses the window.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
@@ -27,8 +27,8 @@ pub(crate) struct OpenIndex {
     pub(crate) entry: u16,
 }
 
-/// Orders the timestamps by when they fire (F5): by the earliest due instant of their timers, then by
-/// timestamp.
+/// Orders the timestamps by when they fire (F5): by the earliest due instant of their timers, then
+/// by timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct DueKey {
     /// One less than the due instant, which is never 0. The greatest value means never.
@@ -149,7 +149,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Removes a timestamp, moves the timestamps on its shorter side by one place, and frees its entry.
+    /// Removes a timestamp, moves the timestamps on its shorter side by one place, and frees its
+    /// entry.
     pub(crate) fn remove(&mut self, index: OpenIndex) {
         let (place, end) = (usize::from(index.place), self.end());
         let before = place.wrapping_sub(self.start);
@@ -181,7 +182,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.set_key(index.entry, DueKey::NEVER);
     }
 
-    /// Makes room behind the last timestamp. All open timestamps are in the second half of the arrays.
+    /// Makes room behind the last timestamp. All open timestamps are in the second half of the
+    /// arrays.
     #[cold]
     fn move_to_start(&mut self) {
         let Some((to, from)) = self.timestamps.as_flattened_mut().split_at_mut_checked(self.start)
@@ -207,8 +209,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<OpenIndex> {
         let open = self.timestamps.as_flattened().get(self.start..self.end())?;
-        // Most late inputs are for timestamps older than all open ones or for the oldest, and offers follow
-        // their message's open.
+        // Most late inputs are for timestamps older than all open ones or for the oldest, and
+        // offers follow their message's open.
         let first = *open.first()?;
         if timestamp < first {
             return None;
@@ -259,8 +261,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.entries.get(usize::from(entry_index)).unwrap_or(&Entry::EMPTY)
     }
 
-    /// Stores a key that is earlier than the entry's. It replaces the least key of each level above until one
-    /// is earlier still.
+    /// Stores a key that is earlier than the entry's. It replaces the least key of each level above
+    /// until one is earlier still.
     fn set_earlier_key(&mut self, entry_index: u16, key: DueKey) {
         let mut at = usize::from(entry_index);
         let Some(own) = self.keys.get_mut(at) else { return };
@@ -280,7 +282,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.first = key;
     }
 
-    /// Stores an entry's key, and finds the least key of each level above again until one stays the same.
+    /// Stores an entry's key, and finds the least key of each level above again until one stays the
+    /// same.
     fn set_key(&mut self, entry_index: u16, key: DueKey) {
         let mut at = usize::from(entry_index);
         let Some(own) = self.keys.get_mut(at) else { return };

@@ -8,8 +8,8 @@ use fuseline_deadline::{
     End, Expected, Guard, Impact, MetresPerSecond, Parameters, Policy, Situation,
 };
 
-/// The number of measurements of each figure. The least is reported, because other programs only ever add
-/// time.
+/// The number of measurements of each figure. The least is reported, because other programs only
+/// ever add time.
 const TIMES: u32 = 300;
 /// The number of decisions in a measurement.
 const DECISIONS: u32 = 100;

@@ -47,8 +47,8 @@ impl Figure {
     /// Returns the least and the greatest plausible value, both included, in the unit that
     /// [`unit`](Self::unit) names.
     ///
-    /// The range fits any vehicle on wheels or legs, and it excludes milliseconds given as seconds and
-    /// millimetres given as metres.
+    /// The range fits any vehicle on wheels or legs, and it excludes milliseconds given as seconds
+    /// and millimetres given as metres.
     #[must_use]
     pub const fn plausible(self) -> (f64, f64) {
         match self {

@@ -1,4 +1,5 @@
-//! [`Guard`], the longest deadline that is safe (T1, T2). The book's chapter *Deadlines that are safe* has the proofs.
+//! [`Guard`], the longest deadline that is safe (T1, T2). The book's chapter *Deadlines that are
+//! safe* has the proofs.
 
 use core::time::Duration;
 
@@ -8,11 +9,12 @@ use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 use crate::units::Metres;
 
-/// Computes the longest deadline with which fusion never hits what local alone would not have hit (T2).
+/// Computes the longest deadline with which fusion never hits what local alone would not have hit
+/// (T2).
 ///
-/// The guarantee has conditions; the book's chapter *Deadlines that are safe* lists them, with what is not
-/// guaranteed (T4). Two of them concern the planner: it counts timestamps, not arrivals, and an output
-/// without a report breaks a row of reports only if local has a result for its timestamp.
+/// The guarantee has conditions; the book's chapter *Deadlines that are safe* lists them, with what
+/// is not guaranteed (T4). Two of them concern the planner: it counts timestamps, not arrivals, and
+/// an output without a report breaks a row of reports only if local has a result for its timestamp.
 ///
 /// Any shorter deadline keeps the guarantee. So it also holds for every policy that the guard
 /// [`cap`](Policy::cap).
@@ -24,11 +26,11 @@ pub struct Guard {
 /// The guard's assessment of a situation.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Assessment {
-    /// The time after capture, in seconds, until which local's results surely suffice to stop, for the class
-    /// that decides. NaN if nothing is known.
+    /// The time after capture, in seconds, until which local's results surely suffice to stop, for
+    /// the class that decides. NaN if nothing is known.
     pub budget_local: f64,
-    /// The time after capture, in seconds, until which the cloud's results may suffice to stop, for the class
-    /// with the longest time. NaN if nothing is known.
+    /// The time after capture, in seconds, until which the cloud's results may suffice to stop, for
+    /// the class with the longest time. NaN if nothing is known.
     pub budget_cloud: f64,
     /// The case that holds.
     pub case: Case,
@@ -158,8 +160,8 @@ impl Policy for Guard {
     }
 }
 
-/// Returns the speed, and the distance to the nearest place that may hide something, or `None` if either
-/// makes no sense.
+/// Returns the speed, and the distance to the nearest place that may hide something, or `None` if
+/// either makes no sense.
 pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span<f64>, f64)> {
     // In a situation that makes no sense, nothing is known (T7).
     situation.check().ok()?;

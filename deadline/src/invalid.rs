@@ -6,13 +6,14 @@ use core::fmt::{self, Display, Formatter};
 use crate::figure::Figure;
 use crate::parameters::Classes;
 
-/// The reason why a policy with these figures is refused. Every figure is checked when the policy is made;
-/// nothing is refused later.
+/// The reason why a policy with these figures is refused. Every figure is checked when the policy
+/// is made; nothing is refused later.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Invalid {
     /// The least value is above the greatest.
     Order(Figure),
-    /// The figure, or an end of its span, is NaN or outside its [plausible range](Figure::plausible).
+    /// The figure, or an end of its span, is NaN or outside its
+    /// [plausible range](Figure::plausible).
     Implausible {
         /// The figure.
         figure: Figure,
@@ -21,12 +22,14 @@ pub enum Invalid {
     },
     /// The planner needs no frame; it must need at least one.
     NoFrames,
-    /// This number of classes of hazards was given; there must be at least one and at most [`Classes::MOST`].
+    /// This number of classes of hazards was given; there must be at least one and at most
+    /// [`Classes::MOST`].
     Classes(usize),
-    /// The cloud sees some class from less far away than local does. Its result in time would hide a hazard
-    /// that local reports, so no deadline is safe.
+    /// The cloud sees some class from less far away than local does. Its result in time would hide
+    /// a hazard that local reports, so no deadline is safe.
     CloudSeesLess,
-    /// The calls that are remembered need not include a probe; see [`Expected::new`](crate::Expected::new).
+    /// The calls that are remembered need not include a probe; see
+    /// [`Expected::new`](crate::Expected::new).
     Probes {
         /// One message in this many was to be a probe.
         every: u32,

@@ -1,8 +1,8 @@
 //! [`LinkQueue`]: computes when messages pass a vehicle's uplink or downlink, without a clock.
 //!
-//! Times are nanoseconds of the caller's clock. The queue is first in, first out, and empties at the rate
-//! that the caller gives for each instant. A message in the queue is sent even if nobody waits for it any
-//! more.
+//! Times are nanoseconds of the caller's clock. The queue is first in, first out, and empties at
+//! the rate that the caller gives for each instant. A message in the queue is sent even if nobody
+//! waits for it any more.
 
 /// The direction of a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -18,15 +18,15 @@ pub enum LinkDirection {
 pub struct LinkRate {
     /// Bits per second; 0 carries nothing.
     pub bits_per_second: u64,
-    /// The instant, in ns, until which the rate holds. It is later than the instant that was asked about;
-    /// `u64::MAX` means without end.
+    /// The instant, in ns, until which the rate holds. It is later than the instant that was asked
+    /// about; `u64::MAX` means without end.
     pub until: u64,
 }
 
 /// A bounded queue in front of a link of finite rate.
 ///
-/// A message that does not fit behind the waiting ones is not taken. An empty queue takes any message;
-/// otherwise a message longer than the queue could never be sent.
+/// A message that does not fit behind the waiting ones is not taken. An empty queue takes any
+/// message; otherwise a message longer than the queue could never be sent.
 ///
 /// ```
 /// use fuseline_deadline::{LinkQueue, LinkRate};
@@ -41,7 +41,8 @@ pub struct LinkRate {
 pub struct LinkQueue {
     /// The queue's capacity, in the unit of `waiting`.
     limit: u128,
-    /// The unsent bits, in billionths of a bit, so that a nanosecond's share of any rate is a whole number.
+    /// The unsent bits, in billionths of a bit, so that a nanosecond's share of any rate is a whole
+    /// number.
     waiting: u128,
     now: u64,
 }
@@ -69,11 +70,11 @@ impl LinkQueue {
         Self { limit: (queue_bytes as u128).saturating_mul(BYTE), waiting: 0, now: 0 }
     }
 
-    /// Puts a message of `bytes` bytes into the queue at `now`, in ns. Returns the instant when its last bit
-    /// is sent, or `None` if it does not fit.
+    /// Puts a message of `bytes` bytes into the queue at `now`, in ns. Returns the instant when its
+    /// last bit is sent, or `None` if it does not fit.
     ///
-    /// The instant is rounded up, and it is `u64::MAX` if the rate stays 0. A `now` before the last one
-    /// counts as the last one.
+    /// The instant is rounded up, and it is `u64::MAX` if the rate stays 0. A `now` before the last
+    /// one counts as the last one.
     pub fn send(&mut self, now: u64, bytes: u64, rate: impl Fn(u64) -> LinkRate) -> Option<u64> {
         self.pass(now, &rate);
         let waiting = self.waiting.saturating_add(u128::from(bytes).saturating_mul(BYTE));
@@ -84,7 +85,8 @@ impl LinkQueue {
         Some(self.emptied(rate))
     }
 
-    /// Returns the number of bytes that are not sent at `now`, in ns. Bytes that are partly sent count whole.
+    /// Returns the number of bytes that are not sent at `now`, in ns. Bytes that are partly sent
+    /// count whole.
     pub fn waiting(&mut self, now: u64, rate: impl Fn(u64) -> LinkRate) -> u64 {
         self.pass(now, &rate);
         u64::try_from(self.waiting.div_ceil(BYTE)).unwrap_or(u64::MAX)

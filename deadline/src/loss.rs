@@ -12,9 +12,11 @@ use crate::policy::Situation;
 use crate::span::Span;
 use crate::units::Metres;
 
-/// Returns the loss of an output, by its source and its time after capture, in any unit. Less is better.
+/// Returns the loss of an output, by its source and its time after capture, in any unit. Less is
+/// better.
 ///
-/// A function of the same form is a loss too. A deadline whose loss is NaN is not chosen for that loss.
+/// A function of the same form is a loss too. A deadline whose loss is NaN is not chosen for that
+/// loss.
 pub trait Loss {
     /// Returns the loss of one message whose output comes from `source`, `response` after capture.
     fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64;
@@ -45,7 +47,8 @@ pub struct Impact {
     parameters: Parameters,
 }
 
-/// The accuracy lost in comparison with the better source, and a price for each millisecond of waiting.
+/// The accuracy lost in comparison with the better source, and a price for each millisecond of
+/// waiting.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Accuracy {
     /// Local's accuracy, such as its AP.

@@ -56,7 +56,8 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         self.ended = self.ended.wrapping_add(1);
     }
 
-    /// Returns the calls that are remembered, in the order that [`Survival`](crate::Survival) needs.
+    /// Returns the calls that are remembered, in the order that [`Survival`](crate::Survival)
+    /// needs.
     #[must_use]
     pub fn sorted(&self) -> impl ExactSizeIterator<Item = Observation> + Clone {
         let calls = self.calls.get(..self.len).unwrap_or_default();

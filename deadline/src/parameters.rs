@@ -9,10 +9,10 @@ use crate::units::{Metres, MetresPerSecondSquared};
 
 /// Describes the vehicle, its sources and the hazards.
 ///
-/// A figure that is not known exactly is a [`Span`]; the guard uses the end of it that keeps the guarantee.
-/// Each field states its default, which is the vehicle of the paper's traffic jam. The paper gives local's
-/// response, the frames and their rate. The other defaults were chosen so that they reproduce the paper's
-/// table, as the book's chapter *The paper's scenarios* explains.
+/// A figure that is not known exactly is a [`Span`]; the guard uses the end of it that keeps the
+/// guarantee. Each field states its default, which is the vehicle of the paper's traffic jam. The
+/// paper gives local's response, the frames and their rate. The other defaults were chosen so that
+/// they reproduce the paper's table, as the book's chapter *The paper's scenarios* explains.
 ///
 /// A number without a unit does not compile:
 ///
@@ -26,30 +26,32 @@ pub struct Parameters {
     pub deceleration: Span<MetresPerSecondSquared>,
     /// The time from the decision to brake until the brakes act; 0.1 s by default.
     pub brake_delay: Span<Duration>,
-    /// The number of frames in a row that must report an obstacle before the vehicle brakes; 3 by default.
+    /// The number of frames in a row that must report an obstacle before the vehicle brakes; 3 by
+    /// default.
     pub frames: u32,
-    /// The time between two frames that local takes; 1/30 s by default. It is the camera's period if local's
-    /// calls overlap, and otherwise local's response rounded up to whole periods.
+    /// The time between two frames that local takes; 1/30 s by default. It is the camera's period
+    /// if local's calls overlap, and otherwise local's response rounded up to whole periods.
     pub period_local: Span<Duration>,
     /// The time between two frames that the cloud takes; 1/30 s by default.
     pub period_cloud: Span<Duration>,
     /// The time from a frame's capture until local's result; 0.3017 s by default.
     pub local_response: Span<Duration>,
-    /// The greatest delay of an output after capture + deadline; 5 ms by default. It covers late timers. If
-    /// the deadline counts from the request, it also covers the time from capture until the request.
+    /// The greatest delay of an output after capture + deadline; 5 ms by default. It covers late
+    /// timers. If the deadline counts from the request, it also covers the time from capture until
+    /// the request.
     pub lateness: Duration,
     /// The distance to keep from an obstacle where local alone stops anyway; 2 m by default.
     pub margin: Metres,
-    /// The classes of hazards on the road. By default there is one class, which local sees from 39 m on and
-    /// the cloud from 57 m on.
+    /// The classes of hazards on the road. By default there is one class, which local sees from 39
+    /// m on and the cloud from 57 m on.
     pub classes: Classes,
 }
 
 /// A class of hazards, such as standing motorcycles.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Hazard {
-    /// The weight of this class among all classes, above 0. Only losses use it; a guarantee counts all
-    /// classes equally.
+    /// The weight of this class among all classes, above 0. Only losses use it; a guarantee counts
+    /// all classes equally.
     pub weight: f64,
     /// The distance from which local begins to report the hazard.
     pub range_local: Span<Metres>,

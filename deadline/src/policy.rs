@@ -1,7 +1,7 @@
 //! [`Policy`]: chooses a deadline for each message, from the [`Situation`] and from how earlier calls ended.
 //!
-//! This module has [`Constant`] and [`Capped`]; [`Guard`](crate::Guard) and [`Expected`](crate::Expected)
-//! have modules of their own.
+//! This module has [`Constant`] and [`Capped`]; [`Guard`](crate::Guard) and
+//! [`Expected`](crate::Expected) have modules of their own.
 
 use core::time::Duration;
 
@@ -12,33 +12,33 @@ use crate::units::{Metres, MetresPerSecond};
 
 /// Chooses the deadlines of one cloud's requests.
 ///
-/// Keep one policy for each cloud. Call [`decide`](Self::decide) once for each message before its request is
-/// sent, pass the deadline to the machine, and report how each call ended. A policy needs no clock, allocates
-/// nothing and never fails.
+/// Keep one policy for each cloud. Call [`decide`](Self::decide) once for each message before its
+/// request is sent, pass the deadline to the machine, and report how each call ended. A policy
+/// needs no clock, allocates nothing and never fails.
 pub trait Policy {
-    /// Returns the deadline of the next request, counted from the capture of its message. It is at most
-    /// `cap`.
+    /// Returns the deadline of the next request, counted from the capture of its message. It is at
+    /// most `cap`.
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen;
 
     /// Reports that a call has ended.
     fn ended(&mut self, end: End);
 
-    /// Returns `true` if the policy's promise, such as T1 or T2, assumes one output for each message.
-    /// Adapters refuse such a policy under the progressive commit rule.
+    /// Returns `true` if the policy's promise, such as T1 or T2, assumes one output for each
+    /// message. Adapters refuse such a policy under the progressive commit rule.
     fn assumes_one_output(&self) -> bool {
         false
     }
 
-    /// Returns `true` if the policy learns of longer deadlines only from calls that run on past their due
-    /// instants. Adapters refuse such a policy for a cloud whose calls do not linger.
+    /// Returns `true` if the policy learns of longer deadlines only from calls that run on past
+    /// their due instants. Adapters refuse such a policy for a cloud whose calls do not linger.
     fn needs_linger(&self) -> bool {
         false
     }
 
     /// Makes this policy's deadline the cap of `policy`.
     ///
-    /// The other policy learns the cap and chooses under it: the best deadline under a cap may be far below
-    /// the best one without a cap, cut off.
+    /// The other policy learns the cap and chooses under it: the best deadline under a cap may be
+    /// far below the best one without a cap, cut off.
     fn cap<P: Policy>(self, policy: P) -> Capped<Self, P>
     where
         Self: Sized,
@@ -52,15 +52,15 @@ pub trait Policy {
 pub struct Situation<'a> {
     /// The vehicle's speed, from this message's capture until it could brake for it.
     ///
-    /// If the span is not a speed (for example NaN, below 0 or above 150 m/s), the policy treats the
-    /// situation as unknown and takes no risk.
+    /// If the span is not a speed (for example NaN, below 0 or above 150 m/s), the policy treats
+    /// the situation as unknown and takes no risk.
     pub speed: Span<MetresPerSecond>,
-    /// The distance to the nearest place, such as a corner or a parked van, from which something may have
-    /// come or may come into sight, if that is known. A place counts until
+    /// The distance to the nearest place, such as a corner or a parked van, from which something
+    /// may have come or may come into sight, if that is known. A place counts until
     /// [`frames`](crate::Parameters::frames) frames after whatever is behind it is in sight.
     pub reveal: Option<Metres>,
-    /// The age of each call under way, the oldest first. The list may be empty; policies then notice an
-    /// outage later.
+    /// The age of each call under way, the oldest first. The list may be empty; policies then
+    /// notice an outage later.
     pub under_way: &'a [Duration],
 }
 
@@ -71,8 +71,8 @@ pub enum End {
     Answered(Duration),
     /// It failed at this age: no result will come.
     Failed(Duration),
-    /// It was given up at this age, because its timer fired or its timestamp was retired. Its result had not
-    /// come by then.
+    /// It was given up at this age, because its timer fired or its timestamp was retired. Its
+    /// result had not come by then.
     Censored(Duration),
 }
 
@@ -136,8 +136,8 @@ impl Situation<'_> {
         Self { speed: speed.into(), ..Self::UNKNOWN }
     }
 
-    /// Checks whether the situation makes sense. Policies do not fail if it does not, but they then wait no
-    /// longer than local takes.
+    /// Checks whether the situation makes sense. Policies do not fail if it does not, but they then
+    /// wait no longer than local takes.
     ///
     /// # Errors
     /// Returns an [`Invalid`] for the first figure that is not plausible.
@@ -217,8 +217,8 @@ impl Case {
     }
 }
 
-/// Converts seconds to a duration, rounded down to nanoseconds. Returns 0 if the number is not a time, and
-/// the longest duration if it is too great.
+/// Converts seconds to a duration, rounded down to nanoseconds. Returns 0 if the number is not a
+/// time, and the longest duration if it is too great.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

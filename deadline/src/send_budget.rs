@@ -2,19 +2,20 @@
 
 use core::time::Duration;
 
-/// Spreads a link's bytes over streams of requests. A stream is one operator's requests to one cloud.
+/// Spreads a link's bytes over streams of requests. A stream is one operator's requests to one
+/// cloud.
 ///
-/// The bytes that the link carries go to the stream with the greatest expected gain per byte until it can
-/// send two messages, then to the second stream, and so on. Bytes that no stream needs are lost, so the
-/// streams never send more than the rate times the time since the first offer. The caller estimates the gain
-/// of each request, for example by [`Expected::gain`](crate::Expected::gain). A stream without a gain gets
-/// nothing.
+/// The bytes that the link carries go to the stream with the greatest expected gain per byte until
+/// it can send two messages, then to the second stream, and so on. Bytes that no stream needs are
+/// lost, so the streams never send more than the rate times the time since the first offer. The
+/// caller estimates the gain of each request, for example by
+/// [`Expected::gain`](crate::Expected::gain). A stream without a gain gets nothing.
 ///
-/// A message that takes the link longer than `longest` is never sent: it would be late and would hold up all
-/// others.
+/// A message that takes the link longer than `longest` is never sent: it would be late and would
+/// hold up all others.
 ///
-/// An estimate needs calls. So with `probe_every`, a stream comes first once if it was never sent or was
-/// passed over that many times in a row.
+/// An estimate needs calls. So with `probe_every`, a stream comes first once if it was never sent
+/// or was passed over that many times in a row.
 ///
 /// ```
 /// use core::time::Duration;
@@ -59,13 +60,14 @@ struct SendStream {
 /// The number of billionths of a byte in a byte.
 const WHOLE: u128 = 1_000_000_000;
 
-/// The number of messages for which a stream may save. With one, the bytes beyond it would be lost until it
-/// is sent.
+/// The number of messages for which a stream may save. With one, the bytes beyond it would be lost
+/// until it is sent.
 const MESSAGES: u128 = 2;
 
 impl<const STREAMS: usize> SendBudget<STREAMS> {
-    /// Creates a budget for a link of `bytes_per_second`. A request that takes longer than `longest` is never
-    /// sent, and a stream that was passed over `probe_every` times in a row comes first once.
+    /// Creates a budget for a link of `bytes_per_second`. A request that takes longer than
+    /// `longest` is never sent, and a stream that was passed over `probe_every` times in a row
+    /// comes first once.
     #[must_use]
     pub const fn new(bytes_per_second: u64, longest: Duration, probe_every: Option<u32>) -> Self {
         let stream = SendStream { bytes: 0, gain: 0.0, saved: 0, passed_over: u32::MAX };
@@ -78,11 +80,12 @@ impl<const STREAMS: usize> SendBudget<STREAMS> {
         self.terms.bytes_per_second = bytes_per_second;
     }
 
-    /// Returns `true` if the next message of `stream`, of `bytes` bytes, is to be sent at `now`, in ns, and
-    /// spends those bytes.
+    /// Returns `true` if the next message of `stream`, of `bytes` bytes, is to be sent at `now`, in
+    /// ns, and spends those bytes.
     ///
-    /// `gain` is the expected gain of the request over no request, in one unit for all streams. A stream
-    /// whose index is not below `STREAMS` is never sent. A `now` before the last one counts as the last one.
+    /// `gain` is the expected gain of the request over no request, in one unit for all streams. A
+    /// stream whose index is not below `STREAMS` is never sent. A `now` before the last one counts
+    /// as the last one.
     pub fn offer(&mut self, stream: usize, now: u64, bytes: u64, gain: f64) -> bool {
         self.save(now);
         let terms = self.terms;
@@ -98,8 +101,8 @@ impl<const STREAMS: usize> SendBudget<STREAMS> {
         is_sent
     }
 
-    /// Distributes the bytes that the link carried since the last offer, first to the stream that is worth
-    /// most.
+    /// Distributes the bytes that the link carried since the last offer, first to the stream that
+    /// is worth most.
     fn save(&mut self, now: u64) {
         let since = self.now.map_or(0, |before| now.saturating_sub(before));
         self.now = Some(self.now.map_or(now, |before| before.max(now)));
@@ -131,8 +134,8 @@ impl SendStream {
         (self.bytes as u128).saturating_mul(WHOLE)
     }
 
-    /// Returns the stream's gain per byte: the greatest number if it is due for a probe, and 0 if the link
-    /// takes too long.
+    /// Returns the stream's gain per byte: the greatest number if it is due for a probe, and 0 if
+    /// the link takes too long.
     fn worth(&self, terms: &SendTerms) -> f64 {
         let carried = u128::from(terms.bytes_per_second).saturating_mul(terms.longest.as_nanos());
         if self.needs() > carried {

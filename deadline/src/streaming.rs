@@ -1,4 +1,5 @@
-//! [`Streaming`], the deadline of least loss if outputs form a stream in which the newest output is in force.
+//! [`Streaming`], the deadline of least loss if outputs form a stream in which the newest output is
+//! in force.
 
 use core::time::Duration;
 
@@ -9,7 +10,8 @@ use crate::loss::{Loss, Source};
 use crate::policy::Situation;
 use crate::span::Span;
 
-/// Chooses the deadline of least [`StreamLoss`], from the last `WINDOW` calls and the last `WINDOW` speeds.
+/// Chooses the deadline of least [`StreamLoss`], from the last `WINDOW` calls and the last `WINDOW`
+/// speeds.
 ///
 /// ```
 /// use core::time::Duration;
@@ -36,37 +38,39 @@ pub struct BoxDetector {
     pub overlap: f64,
 }
 
-/// The loss of an output in a stream in which the newest output is in force: accuracy, reduced by how far
-/// boxes move meanwhile.
+/// The loss of an output in a stream in which the newest output is in force: accuracy, reduced by
+/// how far boxes move meanwhile.
 ///
 /// While no speed is known, nothing moves.
 ///
 /// # Derivation
 ///
-/// Streaming accuracy (Li, Wang and Ramanan, *Towards Streaming Perception*) compares the world at each
-/// instant with the newest output that was sent by then. Let frames be captured every `P`, and let each
-/// output be sent at the age `r`. Then an output is in force from the age `r` until the next one is sent, at
-/// the age `r + P`. So waiting costs twice: the output is older when it is sent, and the previous output
-/// stays in force for longer.
+/// Streaming accuracy (Li, Wang and Ramanan, *Towards Streaming Perception*) compares the world at
+/// each instant with the newest output that was sent by then. Let frames be captured every `P`, and
+/// let each output be sent at the age `r`. Then an output is in force from the age `r` until the
+/// next one is sent, at the age `r + P`. So waiting costs twice: the output is older when it is
+/// sent, and the previous output stays in force for longer.
 ///
-/// A box that has moved by the share `q` of its size along one side overlaps its former place by `(1 − q) /
-/// (1 + q)` (`IoU`). If it moves along both sides, `q` is the sum of the shares, and the overlap is at least
-/// that. A box counts while it overlaps by half, so while `q ≤ 1/3`. A detector whose right boxes overlap by
-/// `o` has already used `(1 − o) / (1 + o)` of that third, if its error lies along the movement. The rest is
-/// its *slack*, `s = 1/3 − (1 − o) / (1 + o)`. So a box that moves at `v` sizes per second counts until the
-/// age `s / v`. It counts for this share of the time in force:
+/// A box that has moved by the share `q` of its size along one side overlaps its former place by
+/// `(1 − q) / (1 + q)` (`IoU`). If it moves along both sides, `q` is the sum of the shares, and the
+/// overlap is at least that. A box counts while it overlaps by half, so while `q ≤ 1/3`. A detector
+/// whose right boxes overlap by `o` has already used `(1 − o) / (1 + o)` of that third, if its
+/// error lies along the movement. The rest is its *slack*, `s = 1/3 − (1 − o) / (1 + o)`. So a box
+/// that moves at `v` sizes per second counts until the age `s / v`. It counts for this share of the
+/// time in force:
 ///
 /// ```text
 /// clamp((s / v − r) / P, 0, 1)
 /// ```
 ///
-/// The loss is the better source's accuracy minus the source's own accuracy times the mean of that share over
-/// the observed speeds. [`Expected`] finds the deadline of least mean loss (T3).
+/// The loss is the better source's accuracy minus the source's own accuracy times the mean of that
+/// share over the observed speeds. [`Expected`] finds the deadline of least mean loss (T3).
 ///
-/// The derivation assumes that the next output is sent at the same age. With mixed sources some outputs are
-/// earlier and some are later, and the loss is right on average. If the consumer extrapolates boxes, only the
-/// error of its extrapolation counts as speed. Under the *progressive* commit rule local's output is sent at
-/// once whatever the deadline, so waiting costs nothing; then give no speeds.
+/// The derivation assumes that the next output is sent at the same age. With mixed sources some
+/// outputs are earlier and some are later, and the loss is right on average. If the consumer
+/// extrapolates boxes, only the error of its extrapolation counts as speed. Under the *progressive*
+/// commit rule local's output is sent at once whatever the deadline, so waiting costs nothing; then
+/// give no speeds.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StreamLoss<const WINDOW: usize = 64> {
     local: BoxDetector,
@@ -86,11 +90,11 @@ impl<const WINDOW: usize> StreamLoss<WINDOW> {
         Self { local, cloud, period, speeds: [0.0; WINDOW], len: 0, next: 0 }
     }
 
-    /// Remembers how fast a box moved, in sizes of the box per second, and forgets the speed `WINDOW` calls
-    /// ago.
+    /// Remembers how fast a box moved, in sizes of the box per second, and forgets the speed
+    /// `WINDOW` calls ago.
     ///
-    /// The speed is `|vx| / width + |vy| / height`. If the consumer extrapolates boxes, it is the speed of
-    /// the extrapolation's error. A number that is not a speed is ignored.
+    /// The speed is `|vx| / width + |vy| / height`. If the consumer extrapolates boxes, it is the
+    /// speed of the extrapolation's error. A number that is not a speed is ignored.
     pub fn moved(&mut self, speed: f64) {
         if !(0.0..f64::INFINITY).contains(&speed) {
             return;
@@ -103,7 +107,8 @@ impl<const WINDOW: usize> StreamLoss<WINDOW> {
         self.next = if next < WINDOW { next } else { 0 };
     }
 
-    /// Returns the share of boxes that count, over the time in which an output of this age is in force.
+    /// Returns the share of boxes that count, over the time in which an output of this age is in
+    /// force.
     fn share(&self, detector: BoxDetector, response: Duration) -> f64 {
         let speeds = self.speeds.get(..self.len).unwrap_or_default();
         let (slack, response) = (detector.slack(), response.as_secs_f64());

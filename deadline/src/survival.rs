@@ -1,6 +1,7 @@
 //! [`Survival`]: estimates how long a cloud's results take, from calls of which some were given up.
 //!
-//! The book's chapter *Deadlines that are safe* has the formula of the estimate and its source (T5).
+//! The book's chapter *Deadlines that are safe* has the formula of the estimate and its source
+//! (T5).
 
 use core::iter::Peekable;
 use core::time::Duration;
@@ -10,19 +11,19 @@ use core::time::Duration;
 pub struct Observation {
     /// The age, counted from the capture of the message.
     pub response: Duration,
-    /// `true` if the results came at that age. Otherwise they had not come by then, and nothing more is
-    /// known.
+    /// `true` if the results came at that age. Otherwise they had not come by then, and nothing
+    /// more is known.
     pub is_answered: bool,
     /// The number of calls.
     pub count: u64,
 }
 
-/// Estimates the share of calls whose results have not come by an age, after Kaplan and Meier. Yields a step
-/// for each distinct response, in ascending order.
+/// Estimates the share of calls whose results have not come by an age, after Kaplan and Meier.
+/// Yields a step for each distinct response, in ascending order.
 ///
-/// A call that was given up counts as neither fast nor lost: it counts for as long as it was seen. A call
-/// that was given up at the age at which others had their results counts as one whose result had not come by
-/// that age.
+/// A call that was given up counts as neither fast nor lost: it counts for as long as it was seen.
+/// A call that was given up at the age at which others had their results counts as one whose result
+/// had not come by that age.
 #[derive(Clone, Debug)]
 pub struct Survival<'a, I: Iterator<Item = Observation>> {
     sorted: Peekable<I>,
@@ -44,8 +45,8 @@ pub struct Step {
 }
 
 impl Observation {
-    /// Returns the key of the order that [`Survival`] needs: by response, calls with results before those
-    /// given up.
+    /// Returns the key of the order that [`Survival`] needs: by response, calls with results before
+    /// those given up.
     #[must_use]
     pub const fn key(&self) -> (Duration, bool) {
         (self.response, !self.is_answered)
@@ -53,8 +54,8 @@ impl Observation {
 }
 
 impl<'a, I: Iterator<Item = Observation> + Clone> Survival<'a, I> {
-    /// Creates an estimate from observations in the order of their [`key`](Observation::key), and from the
-    /// ages of the calls under way, the oldest first.
+    /// Creates an estimate from observations in the order of their [`key`](Observation::key), and
+    /// from the ages of the calls under way, the oldest first.
     ///
     /// Any other order makes the estimate wrong; it is not detected.
     pub fn new(sorted: I, under_way: &'a [Duration]) -> Self {

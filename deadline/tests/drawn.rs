@@ -1,5 +1,5 @@
-//! Compares the estimate, the deadlines and the checks with their definitions, for calls and figures drawn at
-//! random.
+//! Compares the estimate, the deadlines and the checks with their definitions, for calls and
+//! figures drawn at random.
 
 use std::time::Duration;
 
@@ -30,8 +30,8 @@ fn nonsense() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Compares the estimate with its definition (T5): the product, over the distinct responses, of the share
-    /// of calls without a result then, among the calls that were seen for that long.
+    /// Compares the estimate with its definition (T5): the product, over the distinct responses, of
+    /// the share of calls without a result then, among the calls that were seen for that long.
     #[test]
     fn estimate_is_the_product_over_all_seen_so_long(
         calls in observations(),
@@ -56,7 +56,8 @@ proptest! {
         }
     }
 
-    /// The chosen deadline costs no more than any other, and is the shortest if all cost the same (T3).
+    /// The chosen deadline costs no more than any other, and is the shortest if all cost the same
+    /// (T3).
     #[test]
     fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
         let loss = |source, response| ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response);

@@ -34,7 +34,8 @@ fn policy<const WINDOW: usize>(probe_every: Option<u32>) -> Expected<Accuracy, W
     Expected::new(ACCURACY, ms(300), probe_every).unwrap()
 }
 
-/// Plays the next message: the cloud's result would come after `response` ms, or never if that is `None`.
+/// Plays the next message: the cloud's result would come after `response` ms, or never if that is
+/// `None`.
 fn message(policy: &mut impl Policy, response: Option<u64>) -> Chosen {
     let decision = policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(500));
     let answered = response.map(ms).filter(|response| *response < decision.deadline);

@@ -1,4 +1,5 @@
-//! Tests what the guard allows, with the specification's figures, in each case, and with any figures.
+//! Tests what the guard allows, with the specification's figures, in each case, and with any
+//! figures.
 
 use std::borrow::Borrow;
 use std::time::Duration;
@@ -52,7 +53,8 @@ fn default_vehicle_has_the_specified_deadlines() {
     for (speed, case, deadline) in expected {
         let verdict = guard.judge(&at(speed));
         assert_eq!(verdict.case, case, "{speed} m/s");
-        // The expected deadlines have four digits, so the difference is rounded to a tenth of a millisecond.
+        // The expected deadlines have four digits, so the difference is rounded to a tenth of a
+        // millisecond.
         let off = verdict.deadline.as_secs_f64() - deadline;
         assert!(off.abs() <= 0.000_05, "{speed} m/s: {off} s off");
     }
@@ -123,8 +125,8 @@ fn one_class_between_the_cases_decides_for_all() {
         let classes = Classes::new(hazards).unwrap();
         guard(Parameters { classes, ..Parameters::default() }).judge(&at(22.0))
     };
-    // At 22 m/s local needs 42.6 m in the best phase and 43.3 m in the worst; the cloud, with 57 m, may take
-    // 0.919 s.
+    // At 22 m/s local needs 42.6 m in the best phase and 43.3 m in the worst; the cloud, with 57 m,
+    // may take 0.919 s.
     let (stops, collides, unsure) = (hazard(60.0, 60.0), hazard(39.0, 57.0), hazard(43.0, 57.0));
     assert_eq!(classes(&[stops, collides, unsure]).case, Case::Unsure);
     let further = classes(&[stops, collides, hazard(70.0, 70.0)]);
@@ -173,10 +175,10 @@ fn case_2_needs_that_local_collides_at_its_best() {
     }
 }
 
-/// Local takes one frame in nine. It reports the obstacle as soon as it comes into sight, 38.8 m away, and
-/// again 0.3 s later. It brakes 0.6 s after the reveal, with 26.8 m left of the 26.67 m that it needs. If the
-/// obstacle came into sight only at the second frame, local would surely be too late, but the cloud might
-/// not.
+/// Local takes one frame in nine. It reports the obstacle as soon as it comes into sight, 38.8 m
+/// away, and again 0.3 s later. It brakes 0.6 s after the reveal, with 26.8 m left of the 26.67 m
+/// that it needs. If the obstacle came into sight only at the second frame, local would surely be
+/// too late, but the cloud might not.
 #[test]
 fn t2_obstacle_revealed_a_frame_ago_still_counts() {
     let period = 1.0 / 30.0;
@@ -217,8 +219,8 @@ fn t2_obstacle_revealed_a_frame_ago_still_counts() {
     assert!(drive.collides(&drive.fused(|frame| if frame.captured > 0.0 { 0.35 } else { 0.3 })));
 }
 
-/// Local takes one frame in two, and its three frames show the obstacle. A lorry passes and covers the
-/// obstacle on a frame that local skips, and the cloud truthfully reports nothing for it (T1).
+/// Local takes one frame in two, and its three frames show the obstacle. A lorry passes and covers
+/// the obstacle on a frame that local skips, and the cloud truthfully reports nothing for it (T1).
 fn passing_lorry() -> Drive {
     let frames = [0, 1, 2, 3, 4_u32].map(|number| Frame {
         captured: 0.1 * f64::from(number),
@@ -422,8 +424,8 @@ proptest! {
         let period = seconds(parameters.period_local, period);
         for hazard in parameters.classes.as_slice() {
             let range = within(hazard.range_local.map(|range| range.0), range).min(reveal.unwrap_or(f64::INFINITY));
-            // The metres driven until the vehicle rests, if the first frame comes `phase` after the range
-            // begins.
+            // The metres driven until the vehicle rests, if the first frame comes `phase` after the
+            // range begins.
             let driven = |phase: f64, wait: f64| {
                 let frames = f64::from(parameters.frames) - 1.0;
                 speed * (phase + frames * period + wait + brake_delay) + speed * speed / (2.0 * braking)

@@ -1,5 +1,5 @@
-//! Checks the properties that any link's queue must have: it loses and invents nothing, is first in, first
-//! out, and exceeds no rate.
+//! Checks the properties that any link's queue must have: it loses and invents nothing, is first
+//! in, first out, and exceeds no rate.
 
 use fuseline_deadline::{LinkQueue, LinkRate};
 use proptest::collection::vec;

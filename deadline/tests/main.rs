@@ -1,5 +1,5 @@
-//! Collects the tests that need no process of their own into one program. The package `tests` builds it,
-//! unoptimized.
+//! Collects the tests that need no process of their own into one program. The package `tests`
+//! builds it, unoptimized.
 
 mod drawn;
 mod expected;

@@ -38,8 +38,8 @@ enum View {
     Free,
     /// From somewhere on, which may be near.
     Late,
-    /// Like [`Late`](Self::Late) or [`Free`](Self::Free), except for frames on which something passes in
-    /// front of it.
+    /// Like [`Late`](Self::Late) or [`Free`](Self::Free), except for frames on which something
+    /// passes in front of it.
     Broken,
 }
 
@@ -176,8 +176,8 @@ struct Search {
     local_stops: u64,
     /// The counts for each case of the guard, with the obstacle in sight.
     cases: [u64; 3],
-    /// The number of drives in which fusion with local's deadline collides and local alone does not, if any
-    /// output without a report breaks a row.
+    /// The number of drives in which fusion with local's deadline collides and local alone does
+    /// not, if any output without a report breaks a row.
     worse_where_any_output_counts: u64,
 }
 
@@ -246,8 +246,8 @@ fn t1_locals_least_response_is_never_worse() {
     }
 }
 
-/// An obstacle may be covered on a frame that local skips. An output that truly shows nothing there must
-/// break no row of local's (T4).
+/// An obstacle may be covered on a frame that local skips. An output that truly shows nothing there
+/// must break no row of local's (T4).
 #[test]
 fn t4_counting_any_output_is_worse_in_dozens() {
     let search = &COVERED;

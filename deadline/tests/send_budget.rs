@@ -1,4 +1,5 @@
-//! Checks that the send budget never spends more than the link carries, and spends it where it is worth most.
+//! Checks that the send budget never spends more than the link carries, and spends it where it is
+//! worth most.
 
 use fuseline_deadline::{Accuracy, End, Expected, Policy, SendBudget, Situation};
 use proptest::collection::vec;
@@ -10,7 +11,8 @@ const NEVER: Option<u32> = None;
 /// Longer than any message takes, unless a test says otherwise.
 const LONGEST: Duration = Duration::from_secs(1_000_000);
 
-/// Counts the messages that each stream sends, if all streams offer together `rate` times a second for 60 s.
+/// Counts the messages that each stream sends, if all streams offer together `rate` times a second
+/// for 60 s.
 fn sent<const N: usize>(
     mut budget: SendBudget<N>,
     rate: u64,

@@ -23,7 +23,8 @@ fn loss_of(speeds: &[f64]) -> StreamLoss<8> {
     loss
 }
 
-/// Returns the deadline, in ms, in a world of these speeds, with a cloud whose results take `response` ms.
+/// Returns the deadline, in ms, in a world of these speeds, with a cloud whose results take
+/// `response` ms.
 fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
     let mut policy = Streaming::<8>::new(loss_of(&[]), ms(15), None).unwrap();
     for speed in speeds {
@@ -33,7 +34,8 @@ fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
     policy.decide(&Situation::UNKNOWN, ms(500)).deadline.as_millis()
 }
 
-/// Finds by trial how far a box may move until it no longer counts, from the overlap of two boxes of width 1.
+/// Finds by trial how far a box may move until it no longer counts, from the overlap of two boxes
+/// of width 1.
 fn slack_by_trying(overlap: f64) -> f64 {
     let offset = |least: f64| {
         (0..=1_000_000)

@@ -1,4 +1,5 @@
-//! A vehicle that approaches an obstacle at rest: its figures, what it computes where, and how one drive ends.
+//! A vehicle that approaches an obstacle at rest: its figures, what it computes where, and how one
+//! drive ends.
 //!
 //! `traffic_jam` and `networks` run such drives over speeds, responses and policies.
 

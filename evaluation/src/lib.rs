@@ -1,8 +1,9 @@
 //! The paper's experiments, in virtual time. The physics is stated, and the shipped machine
 //! decides.
 //!
-//! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also uses the paper's [`models`],
-//! the [`link`] of a vehicle, the charts of [`plot`], and the format of a [`duration`](mod@duration).
+//! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also uses the paper's
+//! [`models`], the [`link`] of a vehicle, the charts of [`plot`], and the format of a
+//! [`duration`](mod@duration).
 
 mod approach;
 mod arbitrage;

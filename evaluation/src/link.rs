@@ -1,4 +1,5 @@
-//! The vehicle's link: one uplink and one downlink, each with a queue, that all of its requests and replies share.
+//! The vehicle's link: one uplink and one downlink, each with a queue, that all of its requests and
+//! replies share.
 
 use std::time::Duration;
 
@@ -10,10 +11,12 @@ use serde::Serialize;
 /// The options that say how wide a vehicle's link is.
 #[derive(Clone, Copy, clap::Args)]
 pub struct LinkArgs {
-    /// The rate of the vehicle's uplink, in Mbit/s, where the drive has no column `uplink_mbps` [default: no limit].
+    /// The rate of the vehicle's uplink, in Mbit/s, where the drive has no column `uplink_mbps`
+    /// [default: no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     uplink: Option<f64>,
-    /// The rate of its downlink, in Mbit/s, where the drive has no column `downlink_mbps` [default: no limit].
+    /// The rate of its downlink, in Mbit/s, where the drive has no column `downlink_mbps` [default:
+    /// no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     downlink: Option<f64>,
     /// The room of each queue, in KB; a request that finds no room fails, a reply is lost.

@@ -106,8 +106,8 @@ impl Model {
         Ok(Self { name, device: Some(device), runtime, ap: row.coco_ap })
     }
 
-    /// Returns the runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
-    /// seed.
+    /// Returns the runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for
+    /// the same seed.
     #[must_use]
     pub fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
@@ -190,7 +190,8 @@ pub fn names() -> String {
     PAPER.runtime_ms.iter().map(|row| row.model.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// Spreads neighbouring numbers over all of `u64`: a hash, with the constants of Steele and Vigna's `SplitMix64`.
+/// Spreads neighbouring numbers over all of `u64`: a hash, with the constants of Steele and Vigna's
+/// `SplitMix64`.
 const fn mix(number: u64) -> u64 {
     let z = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

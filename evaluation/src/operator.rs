@@ -1,4 +1,5 @@
-//! An operator in virtual time: the shipped machine decides, and nothing waits. [`ScenarioOperator::pass`] moves time on.
+//! An operator in virtual time: the shipped machine decides, and nothing waits.
+//! [`ScenarioOperator::pass`] moves time on.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -47,7 +48,8 @@ pub(crate) struct ScenarioOutput {
     pub(crate) source: Option<u64>,
 }
 
-/// An operator with local and at most one cloud. Timers are served at the instants at which they are due.
+/// An operator with local and at most one cloud. Timers are served at the instants at which they
+/// are due.
 pub(crate) struct ScenarioOperator {
     machine: ScenarioMachine,
     messages: u64,
@@ -100,7 +102,8 @@ impl ScenarioMachine {
 }
 
 impl ScenarioOperator {
-    /// Returns an operator of this name, for about this many messages. Its trace is kept if `is_traced`.
+    /// Returns an operator of this name, for about this many messages. Its trace is kept if
+    /// `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
         Self::gated(name, messages, is_traced, None)
     }

@@ -23,7 +23,8 @@ pub(crate) struct OutputOptions {
     /// Leave the trace of each run in this folder, for fuseline check.
     #[arg(long, value_name = "DIR")]
     pub(crate) trace: Option<PathBuf>,
-    /// Write plots to this folder, as SVG and PNG on light and dark ground, and a page that holds them.
+    /// Write plots to this folder, as SVG and PNG on light and dark ground, and a page that holds
+    /// them.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
     /// Replace files that exist. Without it a folder that is not empty is refused.
@@ -103,7 +104,8 @@ pub(crate) struct VehicleArgs {
     /// Local computes one frame at a time and skips those that come meanwhile.
     #[arg(long)]
     local_serial: bool,
-    /// The obstacle comes into sight only at this distance, in m, and the guard knows it [default: none].
+    /// The obstacle comes into sight only at this distance, in m, and the guard knows it [default:
+    /// none].
     #[arg(long, value_name = "M", value_parser = not_below_0)]
     reveal: Option<f64>,
 }

@@ -1,4 +1,5 @@
-//! The kinds of witness: how each is built and run, which faults it could see, and what its witnesses cite.
+//! The kinds of witness: how each is built and run, which faults it could see, and what its
+//! witnesses cite.
 
 mod all;
 mod suites;

@@ -24,7 +24,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Runs the witnesses under the faults, and writes the table of promises into faults/ of cargo's target folder.
+    /// Runs the witnesses under the faults, and writes the table of promises into faults/ of
+    /// cargo's target folder.
     ///
     /// It exits with 1 if nothing catches a fault, or a promise has too few faults or witnesses.
     Run(RunArguments),
@@ -34,12 +35,14 @@ enum Command {
         #[arg(long)]
         table: bool,
     },
-    /// Calls the programs in each case of docs/safety/misuse-commands, which must end as it says there.
+    /// Calls the programs in each case of docs/safety/misuse-commands, which must end as it says
+    /// there.
     Misuse {
         /// The folder of the programs.
         programs: PathBuf,
     },
-    /// Measures modified condition/decision coverage of the core and of the C interface, with the two tests that show each condition.
+    /// Measures modified condition/decision coverage of the core and of the C interface, with the
+    /// two tests that show each condition.
     ///
     /// It exits with 1 if a condition is neither shown nor explained in faults/mcdc.toml.
     Mcdc {
@@ -59,7 +62,8 @@ struct RunArguments {
     /// The kinds of witness; all unless named. With some alone nobody says what is missing.
     #[arg(long, value_name = "KIND")]
     kind: Vec<String>,
-    /// Runs a drawn tenth if nothing that the outcome depends on differs from this commit; the variable `FUSELINE_BASE` names it too.
+    /// Runs a drawn tenth if nothing that the outcome depends on differs from this commit; the
+    /// variable `FUSELINE_BASE` names it too.
     #[arg(long, value_name = "COMMIT")]
     base: Option<String>,
     /// The number of witnesses that run at once.

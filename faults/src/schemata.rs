@@ -1,4 +1,5 @@
-//! Mutant schemata: one file with many faults, each behind a number that an environment variable selects.
+//! Mutant schemata: one file with many faults, each behind a number that an environment variable
+//! selects.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -20,7 +21,8 @@ type FaultyFunction<'a> = (&'a Function, Vec<(u32, &'a SeededFault)>);
 /// A file with faults.
 pub(crate) struct Rewritten {
     pub(crate) text: String,
-    /// The bytes of each copy of a function, with the faults that are to blame if it does not compile.
+    /// The bytes of each copy of a function, with the faults that are to blame if it does not
+    /// compile.
     copies: Vec<(Range<usize>, BTreeSet<u32>)>,
 }
 

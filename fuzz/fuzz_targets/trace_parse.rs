@@ -1,4 +1,5 @@
-//! Gives any bytes to the reader: the outcome is an error with its place, or lines that survive writing.
+//! Gives any bytes to the reader: the outcome is an error with its place, or lines that survive
+//! writing.
 #![no_main]
 
 use fuseline_testkit::Mark;

@@ -61,8 +61,8 @@ impl Exploration {
     }
 }
 
-/// Searches all states of a configuration, breadth first unless it is large. `progress` is called with the
-/// number of states so far.
+/// Searches all states of a configuration, breadth first unless it is large. `progress` is called
+/// with the number of states so far.
 ///
 /// Without [`CheckOptions::all`] it stops soon after the first violation.
 ///

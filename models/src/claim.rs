@@ -6,7 +6,8 @@ use fuseline_traces::Rule;
 use crate::property::properties;
 
 properties! {
-    /// A rule or promise that a step can break. Each is an `always` property: no reachable state breaks it.
+    /// A rule or promise that a step can break. Each is an `always` property: no reachable state
+    /// breaks it.
     Claim,
     /// A set of claims.
     Claims,

@@ -60,8 +60,8 @@ pub(crate) fn machine(header: &Header) -> Option<ModelMachine> {
     ModelMachine::new(header).ok()
 }
 
-/// Gives the machine one input, and stops after `most` firings. Unless the answer is whole, the machine must
-/// not be used again.
+/// Gives the machine one input, and stops after `most` firings. Unless the answer is whole, the
+/// machine must not be used again.
 pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> InputResponse {
     // This is the answer if the machine panics.
     let mut answer = InputResponse { end: WholeAnswer::Panicked, ..InputResponse::default() };

@@ -81,8 +81,8 @@ impl Operator {
         }
     }
 
-    /// Adds the inputs that have no effect: from unknown sources, to local as if it were a cloud, or due at
-    /// once.
+    /// Adds the inputs that have no effect: from unknown sources, to local as if it were a cloud,
+    /// or due at once.
     fn ineffective_inputs(&self, at: u64, out: &mut Vec<Input>) {
         let Some(&t) = self.config.timestamps.first() else { return };
         out.push(Input::Open { at, t, deadline: Some(0) });

@@ -3,8 +3,8 @@
 use crate::property::properties;
 
 properties! {
-    /// Something that a step shows. Each is a `sometimes` property: in some reachable state, some input shows
-    /// it.
+    /// Something that a step shows. Each is a `sometimes` property: in some reachable state, some
+    /// input shows it.
     Sighting,
     /// A set of sightings.
     Sightings,

@@ -22,7 +22,8 @@ use crate::world::World;
 #[derive(Clone)]
 pub struct State {
     pub(crate) machine: ModelMachine,
-    /// A machine with its clouds in reverse order, which is ticked at every instant in between (P10).
+    /// A machine with its clouds in reverse order, which is ticked at every instant in between
+    /// (P10).
     twin: ModelMachine,
     /// Under progressive, a machine with the patient rule that takes the same inputs (P13).
     patient: Option<ModelMachine>,
@@ -233,7 +234,8 @@ impl Hash for State {
 }
 
 impl fmt::Debug for State {
-    /// Writes the machine's state, one line for each open timestamp, and the claims that are broken.
+    /// Writes the machine's state, one line for each open timestamp, and the claims that are
+    /// broken.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "now {}", self.machine.now())?;
         match self.machine.fusion().newest() {

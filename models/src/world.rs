@@ -36,7 +36,8 @@ pub struct World {
     pub backlogs: &'static [u64],
     /// The sightings that this environment cannot show.
     pub absent: &'static [&'static [Sighting]],
-    /// The number of unique states. Another number means that the machine or the environment changed.
+    /// The number of unique states. Another number means that the machine or the environment
+    /// changed.
     pub states: usize,
 }
 

@@ -1,8 +1,8 @@
-//! Checks two chained operators under one end-to-end deadline, state by state, with the shipped machine twice
-//! and the engine's budget (E1 to E4).
+//! Checks two chained operators under one end-to-end deadline, state by state, with the shipped
+//! machine twice and the engine's budget (E1 to E4).
 //!
-//! The environment captures, offers, returns results, fails, and serves each timer up to [`LATENESS`] late.
-//! The second operator accepts an item when the first sends it.
+//! The environment captures, offers, returns results, fails, and serves each timer up to
+//! [`LATENESS`] late. The second operator accepts an item when the first sends it.
 
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! Follows a run while it happens: which reasons hold for an input, and what is due.
 //!
-//! It follows the decisions of the reference machine and makes none of its own. Generators use it to find
-//! edges, and `coverage` uses it to count them.
+//! It follows the decisions of the reference machine and makes none of its own. Generators use it
+//! to find edges, and `coverage` uses it to count them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -73,7 +73,8 @@ impl RuleDecision {
         self.fired.iter().chain(&self.own).map(|(decision, _)| decision)
     }
 
-    /// Returns the timestamp and the source of a result that is sent, by the input itself rather than by a timer.
+    /// Returns the timestamp and the source of a result that is sent, by the input itself rather
+    /// than by a timer.
     pub(crate) fn sent(&self) -> Option<(u64, u64)> {
         self.own.iter().chain(&self.fired).find_map(|(decision, _)| match decision {
             Decision::Emit { t, p, .. } => Some((*t, *p)),
@@ -105,7 +106,8 @@ impl RunContext {
     /// Applies an input and returns the decisions about it.
     pub fn apply(&mut self, input: &Input) -> RuleDecision {
         let (mut fired, mut own) = (ExpectedDecisions::new(), ExpectedDecisions::new());
-        // A tick just before changes nothing (P10), and separates the timers' decisions from the input's.
+        // A tick just before changes nothing (P10), and separates the timers' decisions from the
+        // input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
         for (decision, _) in &fired {
             self.follow(decision);
@@ -161,14 +163,15 @@ impl RunContext {
         &self.open
     }
 
-    /// Returns the pending requests, with local's, as timestamps and priorities. The latest is last.
+    /// Returns the pending requests, with local's, as timestamps and priorities. The latest is
+    /// last.
     #[must_use]
     pub fn requested(&self) -> &[(u64, u64)] {
         &self.requested
     }
 
-    /// Returns a request that would be outranked by an available result and was not made before, if there is
-    /// one.
+    /// Returns a request that would be outranked by an available result and was not made before, if
+    /// there is one.
     #[must_use]
     pub fn outranked(&self) -> Option<(u64, u64)> {
         self.open.iter().rev().take(RECENT).find_map(|t| {
@@ -179,8 +182,8 @@ impl RunContext {
         })
     }
 
-    /// Returns the due instant of the request `(t, p)` in ns, even if it has passed. For local it is the end
-    /// of its deadline.
+    /// Returns the due instant of the request `(t, p)` in ns, even if it has passed. For local it
+    /// is the end of its deadline.
     #[must_use]
     pub fn due(&self, t: u64, p: u64) -> Option<u64> {
         self.histories.get(&t)?.requested_for(p)
@@ -216,8 +219,8 @@ impl RunContext {
 
     /// Returns the reasons to refuse an offer (F2).
     ///
-    /// The sets of a retired timestamp count as they were at its end, because a machine that forgot that it
-    /// is closed would look there.
+    /// The sets of a retired timestamp count as they were at its end, because a machine that forgot
+    /// that it is closed would look there.
     fn offer_reasons(&self, t: u64, p: u64, deadline: u64, backlog: u64) -> Vec<OfferRefusal> {
         let (gate, history) = (self.gates.get(&p), self.histories.get(&t));
         let shut = |gate: &Gate| {
@@ -233,8 +236,8 @@ impl RunContext {
         ])
     }
 
-    /// Returns the reasons to drop a result or a failure (F3, F4). Retired timestamps count as for offers
-    /// (A16).
+    /// Returns the reasons to drop a result or a failure (F3, F4). Retired timestamps count as for
+    /// offers (A16).
     fn drop_reasons(&self, t: u64, p: u64) -> Vec<DropReason> {
         let known = (p == 0 || self.gates.contains_key(&p)) && self.was_reached(t);
         let mut reasons = holding([

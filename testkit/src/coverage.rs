@@ -1,5 +1,5 @@
-//! Counts what runs and files reached: each [`Mark`] is something to reach, and [`Coverage`] counts them. It
-//! judges nothing.
+//! Counts what runs and files reached: each [`Mark`] is something to reach, and [`Coverage`] counts
+//! them. It judges nothing.
 
 use std::collections::HashMap;
 
@@ -250,7 +250,8 @@ impl Coverage {
 }
 
 impl Consequence {
-    /// Returns the effect of a decision about a result, a failure or a timer, or `None` if it drops it.
+    /// Returns the effect of a decision about a result, a failure or a timer, or `None` if it drops
+    /// it.
     const fn of(decision: &Decision) -> Option<Self> {
         match decision {
             Decision::Hold { p: 0, .. } => Some(Self::HoldsLocal),
@@ -342,7 +343,8 @@ impl Mark {
         Rule::OF_DECISIONS.map(Self::Violation).into()
     }
 
-    /// Returns the marks that reading files can reach: every line, and every reason why one cannot be read.
+    /// Returns the marks that reading files can reach: every line, and every reason why one cannot
+    /// be read.
     #[must_use]
     pub fn of_files() -> Vec<Self> {
         LINES.map(Self::Line).into_iter().chain(DEFECTS.map(Self::Defect)).collect()
@@ -374,8 +376,8 @@ impl Mark {
         use Consequence::{
             Cancels, EmitsCloud, EmitsLocal, Ends, HoldsCloud, HoldsLocal, Misses, Waits,
         };
-        // After a result, one is available, so none of its effects is a miss. Timers and failures hold
-        // nothing.
+        // After a result, one is available, so none of its effects is a miss. Timers and failures
+        // hold nothing.
         let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels, Ends];
         let settled = [EmitsLocal, EmitsCloud, Cancels, Ends, Misses, Waits];
         let mut all: Vec<_> = of_result.map(|effect| Self::Outcome(Cause::Result, effect)).into();

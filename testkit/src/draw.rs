@@ -2,7 +2,8 @@
 
 /// `SplitMix64` by Steele and Vigna. Everything else draws from [`Rng`](crate::Rng).
 ///
-/// `fuseline drive` calls its runs by number. They come from this stream, and a recorded digest pins them.
+/// `fuseline drive` calls its runs by number. They come from this stream, and a recorded digest
+/// pins them.
 pub(crate) struct Draw(u64);
 
 impl Draw {

@@ -1,6 +1,7 @@
 //! Random runs, weighted towards the situations in which one rule or another decides.
 //!
-//! [`Generator::run`] returns the same run for the same seed and number. The reference machine shows it where the edges are. It does not judge what an implementation makes of a run.
+//! [`Generator::run`] returns the same run for the same seed and number. The reference machine
+//! shows it where the edges are. It does not judge what an implementation makes of a run.
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 

@@ -2,7 +2,8 @@
 
 /// Records what was requested for one timestamp, what came, and by when more may come.
 ///
-/// Local, priority 0, is requested with the open. Two histories are equal if they allow the same future.
+/// Local, priority 0, is requested with the open. Two histories are equal if they allow the same
+/// future.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct History {
     is_limited: bool,
@@ -35,7 +36,8 @@ enum Stage {
 }
 
 impl History {
-    /// Creates the history of a timestamp that was just opened. `due` is the end of local's deadline, in ns.
+    /// Creates the history of a timestamp that was just opened. `due` is the end of local's
+    /// deadline, in ns.
     #[must_use]
     pub fn new(due: Option<u64>) -> Self {
         let (latest, latest_request) = (None, None);
@@ -72,8 +74,8 @@ impl History {
 
     /// Forgets each due instant that no longer matters.
     ///
-    /// These are those of timers that are not live. The latest of all and the latest of a request are kept
-    /// while they lie after `now` and after every live one of their kind.
+    /// These are those of timers that are not live. The latest of all and the latest of a request
+    /// are kept while they lie after `now` and after every live one of their kind.
     pub fn forget(&mut self, now: u64) {
         let (mut latest, mut of_requests) = (self.latest, self.latest_request);
         for source in self.sources.iter_mut().filter(|source| !source.is_armed) {
@@ -175,8 +177,8 @@ impl History {
         dues.max().is_none_or(|latest| latest <= now)
     }
 
-    /// Returns `true` if `now` has reached the due instant of every request that was ever admitted for the
-    /// timestamp.
+    /// Returns `true` if `now` has reached the due instant of every request that was ever admitted
+    /// for the timestamp.
     #[must_use]
     pub fn are_requests_over(&self, now: u64) -> bool {
         let requests = self.sources.iter().filter(|source| source.p > 0);

@@ -1,9 +1,9 @@
 //! Checks the promises from inputs and decisions alone.
 //!
-//! A ledger knows no rule of decision: it records what was requested, what came and what was sent. It forgets
-//! what no promise needs any more, so that ledgers with the same future are equal. A retired timestamp leaves
-//! nothing behind. A due instant outlives its timer only while it is the latest of its timestamp or of its
-//! timestamp's requests.
+//! A ledger knows no rule of decision: it records what was requested, what came and what was sent.
+//! It forgets what no promise needs any more, so that ledgers with the same future are equal. A
+//! retired timestamp leaves nothing behind. A due instant outlives its timer only while it is the
+//! latest of its timestamp or of its timestamp's requests.
 
 use std::fmt;
 
@@ -24,7 +24,8 @@ pub struct OperatorConfig<'a> {
     pub clouds: &'a [Cloud],
 }
 
-/// A promise that a ledger checks, with its name in SPEC.md. P10 is missing because it takes two runs.
+/// A promise that a ledger checks, with its name in SPEC.md. P10 is missing because it takes two
+/// runs.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[expect(missing_docs, reason = "its name in SPEC.md says it, and is what it displays")]
 pub enum Promise {
@@ -62,9 +63,9 @@ pub struct Ledger {
 impl Ledger {
     /// Records an input, and returns the promises that the machine violated.
     ///
-    /// `fired` are the decisions of timers before the input, `own` are those about the input, and `next_due`
-    /// is the machine's next due instant afterwards, in ns. After the first violation further ones mean
-    /// little.
+    /// `fired` are the decisions of timers before the input, `own` are those about the input, and
+    /// `next_due` is the machine's next due instant afterwards, in ns. After the first violation
+    /// further ones mean little.
     pub fn enter<'a>(
         &mut self,
         terms: OperatorConfig<'_>,
@@ -127,8 +128,8 @@ impl Ledger {
         self.newest.is_some_and(|newest| t <= newest)
     }
 
-    /// Returns `true` if the input has one outcome of its kind, and the reason of a refusal or drop holds
-    /// (P11).
+    /// Returns `true` if the input has one outcome of its kind, and the reason of a refusal or drop
+    /// holds (P11).
     fn is_accounted(&self, terms: OperatorConfig<'_>, input: &Input, own: &[Decision]) -> bool {
         // The pending clouds are cancelled, and never local (F7).
         let are_cancels =
@@ -357,8 +358,8 @@ impl Ledger {
         }
     }
 
-    /// Records that a result is sent while its timestamp stays open, and what it outranks is no longer
-    /// awaited (F9).
+    /// Records that a result is sent while its timestamp stays open, and what it outranks is no
+    /// longer awaited (F9).
     fn improve(&mut self, t: u64, p: u64, violations: &mut Vec<Violation>) {
         let Some(history) = self.history_mut(t) else {
             return violate(violations, Promise::P1, || format!("{t} is forwarded, not open"));
@@ -493,7 +494,8 @@ const fn is_refused_or_dropped(decision: &Decision) -> bool {
     )
 }
 
-/// Splits the decisions after an input into those of timers before it and those about the input itself.
+/// Splits the decisions after an input into those of timers before it and those about the input
+/// itself.
 #[must_use]
 pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &'a [Decision]) {
     // Under progressive a result's emit may be followed by its cancels and a final (F9).

@@ -1,8 +1,9 @@
-//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from
-//! CSV.
+//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or
+//! read from CSV.
 //!
-//! A [`Drive`] takes the time as an argument, so a test in virtual time, a simulation and a proxy can use it. A
-//! handle on tokio sleeps for its round trip, and `fuseline serve --forward` delays the requests to a server.
+//! A [`Drive`] takes the time as an argument, so a test in virtual time, a simulation and a proxy
+//! can use it. A handle on tokio sleeps for its round trip, and `fuseline serve --forward` delays
+//! the requests to a server.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -110,8 +111,8 @@ pub enum DriveError {
 }
 
 impl Drive {
-    /// Loads the drive called `name`: a built-in drive, or otherwise a CSV file. If the recording has several
-    /// networks, `:network` follows the name.
+    /// Loads the drive called `name`: a built-in drive, or otherwise a CSV file. If the recording
+    /// has several networks, `:network` follows the name.
     ///
     /// # Errors
     /// Returns the first [`DriveError`] that holds.
@@ -138,10 +139,10 @@ impl Drive {
 
     /// Reads a recording from CSV. `file` names it in errors.
     ///
-    /// The first line names the columns: a time column, `sent_ms` or `second`, and `rtt_ms`, or several
-    /// `<network>_rtt_ms` from which `network` selects one. A round trip of −1 means that the network was
-    /// unavailable. `uplink_mbps` and `downlink_mbps`, with the same prefix, are the rates of the link in
-    /// Mbit/s. Other columns are ignored.
+    /// The first line names the columns: a time column, `sent_ms` or `second`, and `rtt_ms`, or
+    /// several `<network>_rtt_ms` from which `network` selects one. A round trip of −1 means that
+    /// the network was unavailable. `uplink_mbps` and `downlink_mbps`, with the same prefix, are
+    /// the rates of the link in Mbit/s. Other columns are ignored.
     ///
     /// # Errors
     /// Returns the first [`DriveError`] that holds.
@@ -207,8 +208,8 @@ impl Drive {
         Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
     }
 
-    /// Returns the samples: the moment from which on each holds, and its round trip, or `None` while the
-    /// network was unavailable.
+    /// Returns the samples: the moment from which on each holds, and its round trip, or `None`
+    /// while the network was unavailable.
     #[must_use]
     pub fn samples(&self) -> impl ExactSizeIterator<Item = (Duration, Option<Duration>)> {
         self.samples.iter().map(|sample| (sample.at, sample.round_trip))
@@ -220,8 +221,8 @@ impl Drive {
         self.has_rate[0] || self.has_rate[1]
     }
 
-    /// Returns the link's rate one way at `moment`, in bits per second, and how long it lasts, or `None` if
-    /// it is not recorded.
+    /// Returns the link's rate one way at `moment`, in bits per second, and how long it lasts, or
+    /// `None` if it is not recorded.
     #[must_use]
     pub fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
         self.has_rate[way].then(|| {
@@ -244,7 +245,8 @@ impl Drive {
         &self.name
     }
 
-    /// Returns the share of the drive, from 0 to 1, in which the round trip is shorter than `seconds`.
+    /// Returns the share of the drive, from 0 to 1, in which the round trip is shorter than
+    /// `seconds`.
     #[must_use]
     pub fn share_below(&self, seconds: f64) -> f64 {
         let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
@@ -255,11 +257,12 @@ impl Drive {
         short.as_secs_f64() / self.length.as_secs_f64()
     }
 
-    /// Returns the delay after which a message sent at `moment` (since the drive's beginning) is back, or
-    /// `None` if it never is.
+    /// Returns the delay after which a message sent at `moment` (since the drive's beginning) is
+    /// back, or `None` if it never is.
     ///
-    /// The delay is the round trip of the latest sample at that moment. While the network was unavailable
-    /// (`-1`), a message waits until a sample has a round trip again, and then takes that one as well.
+    /// The delay is the round trip of the latest sample at that moment. While the network was
+    /// unavailable (`-1`), a message waits until a sample has a round trip again, and then takes
+    /// that one as well.
     #[must_use]
     pub fn round_trip(&self, moment: Duration) -> Option<Duration> {
         let within = nanos(moment.as_nanos() % self.length.as_nanos());

@@ -3,12 +3,12 @@
 use std::ops::Range;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// A stream of random numbers: Wang Yi's `WyRand`, whose next state is a sum and whose output is one
-/// multiplication.
+/// A stream of random numbers: Wang Yi's `WyRand`, whose next state is a sum and whose output is
+/// one multiplication.
 ///
-/// The stream and its draws never change, so a recorded seed always means the same case; a library's stream
-/// may change from version to version. The draws are those of `fastrand` 2.5, with which the simulators'
-/// seeds were found. Do not use it for secrets.
+/// The stream and its draws never change, so a recorded seed always means the same case; a
+/// library's stream may change from version to version. The draws are those of `fastrand` 2.5, with
+/// which the simulators' seeds were found. Do not use it for secrets.
 ///
 /// ```
 /// let mut rng = fuseline_testkit::Rng::with_seed(7);
@@ -107,8 +107,8 @@ impl Rng {
         }
     }
 
-    /// Returns `count` of the items, or all if they are fewer. Every choice is equally likely, but its order
-    /// is not random.
+    /// Returns `count` of the items, or all if they are fewer. Every choice is equally likely, but
+    /// its order is not random.
     pub fn sample<T>(&mut self, items: impl IntoIterator<Item = T>, count: usize) -> Vec<T> {
         let mut items = items.into_iter();
         let mut sample: Vec<T> = items.by_ref().take(count).collect();

@@ -45,8 +45,8 @@ impl Run {
         }
     }
 
-    /// Returns the shortest run that was found in which `fault` still finds something, and what it finds
-    /// there. Returns `None` if it finds nothing in the whole run.
+    /// Returns the shortest run that was found in which `fault` still finds something, and what it
+    /// finds there. Returns `None` if it finds nothing in the whole run.
     pub fn shortened<T>(&self, fault: impl Fn(&Self) -> Option<T>) -> Option<(Self, T)> {
         let mut found = fault(self)?;
         let Ok(shortest) = shrink(

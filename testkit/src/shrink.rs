@@ -36,13 +36,13 @@ impl Steps for Run {
 /// Makes one part of a case simpler. If that part is gone by then, it must change nothing.
 pub type Simplification<T> = Box<dyn Fn(&mut T)>;
 
-/// Returns the smallest case that was found for which `fails` returns `true`; it must return `true` for
-/// `subject`.
+/// Returns the smallest case that was found for which `fails` returns `true`; it must return `true`
+/// for `subject`.
 ///
-/// This is delta debugging. It removes stretches of steps, first half of them, then shorter stretches down to
-/// single steps. Then it tries each of the `simplifications` of what is left. It repeats both until no single
-/// step can be removed and no simplification is possible. No simplification may undo another one, or the
-/// search never ends.
+/// This is delta debugging. It removes stretches of steps, first half of them, then shorter
+/// stretches down to single steps. Then it tries each of the `simplifications` of what is left. It
+/// repeats both until no single step can be removed and no simplification is possible. No
+/// simplification may undo another one, or the search never ends.
 ///
 /// `fails` may give up at some point: it then returns `false` from there on.
 ///

@@ -1,6 +1,9 @@
-//! The second generator: runs at many scales of time, with long chains, full windows and numbers that alias.
+//! The second generator: runs at many scales of time, with long chains, full windows and numbers
+//! that alias.
 //!
-//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what an implementation in another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers in a double, sets of a fixed size, and state that outlives its run.
+//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what an
+//! implementation in another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers
+//! in a double, sets of a fixed size, and state that outlives its run.
 
 use fuseline_traces::{Commit, Header, Input};
 
@@ -124,7 +127,8 @@ impl<'a> RunWriter<'a> {
         Self { header, context, draw, time, inputs, tried, next_t, is_long }
     }
 
-    /// Keeps the clock and the counter of a long run away from their ends, where nothing more happens.
+    /// Keeps the clock and the counter of a long run away from their ends, where nothing more
+    /// happens.
     fn keep_away_from_ends(&mut self) {
         self.is_long = true;
         self.next_t = self.next_t.min((1 << 63) - 8);

@@ -1,5 +1,5 @@
-//! Collects the tests, which need no process of their own, into one program. The package `tests` builds it,
-//! unoptimized.
+//! Collects the tests, which need no process of their own, into one program. The package `tests`
+//! builds it, unoptimized.
 
 mod coverage;
 mod generate;

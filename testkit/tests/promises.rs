@@ -1,4 +1,5 @@
-//! Checks that each promise is violated when a machine breaks it. The wrong decisions are invented here.
+//! Checks that each promise is violated when a machine breaks it. The wrong decisions are invented
+//! here.
 
 use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
 use fuseline_traces::{

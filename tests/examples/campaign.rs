@@ -1,9 +1,10 @@
-//! Compares a machine of the rules with the core and the reference machine, on many generated inputs.
+//! Compares a machine of the rules with the core and the reference machine, on many generated
+//! inputs.
 //!
-//! `campaign INPUTS SEED COMMAND…` sends runs with INPUTS inputs in all to the command. It works as `fuseline
-//! drive` does, but does not wait for answers. The core and the reference machine must decide the same, and
-//! the command must write the same bytes. The last line says what was compared. The exit code is 1 if there
-//! is a difference or the command ended.
+//! `campaign INPUTS SEED COMMAND…` sends runs with INPUTS inputs in all to the command. It works as
+//! `fuseline drive` does, but does not wait for answers. The core and the reference machine must
+//! decide the same, and the command must write the same bytes. The last line says what was
+//! compared. The exit code is 1 if there is a difference or the command ended.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{ChildStdin, ChildStdout, Command, ExitCode, Stdio};
@@ -14,8 +15,8 @@ use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::Reference;
 
-/// One in this many of the runs that fill the greatest window is sent, because a machine of lists takes
-/// seconds for it.
+/// One in this many of the runs that fill the greatest window is sent, because a machine of lists
+/// takes seconds for it.
 const FULL_WINDOWS: u64 = 200;
 /// A run with more inputs than this is one of those.
 const MOST_INPUTS: usize = 4_000;
@@ -92,7 +93,8 @@ fn read(arguments: &[String]) -> Option<(u64, u64, &[String])> {
     Some((inputs.parse().ok()?, seed.parse().ok()?, command))
 }
 
-/// Returns a run. Every second run is wide, as the runs of the first generator of `fuseline drive` are.
+/// Returns a run. Every second run is wide, as the runs of the first generator of `fuseline drive`
+/// are.
 fn run(seed: u64, number: u64) -> (String, Run) {
     let (half, clouds) = (number / 2, [4, 15]);
     let generator = |clouds| Generator { seed, commit: None, clouds };

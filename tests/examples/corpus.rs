@@ -1,5 +1,5 @@
-//! Replays each conforming trace of the corpus through the core, and prints the outcome of each in the form
-//! of a test.
+//! Replays each conforming trace of the corpus through the core, and prints the outcome of each in
+//! the form of a test.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -11,8 +11,8 @@ use fuseline_traces::{Decision, Event, Events};
 fn main() -> ExitCode {
     let mut all = true;
     for case in CASES {
-        // The name is on a line of its own before the replay, so that a replay that never ends has been
-        // named.
+        // The name is on a line of its own before the replay, so that a replay that never ends has
+        // been named.
         println!("test {} ...", case.name);
         let alike = catch_unwind(AssertUnwindSafe(|| replays(case))).unwrap_or(false);
         println!("test {} ... {}", case.name, if alike { "ok" } else { "FAILED" });

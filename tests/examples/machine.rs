@@ -1,5 +1,5 @@
-//! The core behind the protocol of `fuseline drive`, and nothing else, so that a build with a fault takes
-//! seconds.
+//! The core behind the protocol of `fuseline drive`, and nothing else, so that a build with a fault
+//! takes seconds.
 
 use std::io::{self, BufRead, Write};
 

@@ -39,7 +39,8 @@ fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
     fs::write(folder.join(name), bytes)
 }
 
-/// Returns edited traces. Each breaks a rule by an edit that did not break it before, or reaches more.
+/// Returns edited traces. Each breaks a rule by an edit that did not break it before, or reaches
+/// more.
 fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
     let (mut all, mut broken) = (Coverage::default(), HashSet::new());
     let mut seeds = Vec::new();
@@ -74,7 +75,8 @@ fn edits() -> impl Iterator<Item = Edit> {
     })
 }
 
-/// Returns what the corpus lacks: files that are not traces, unusual files that are, and every line.
+/// Returns what the corpus lacks: files that are not traces, unusual files that are, and every
+/// line.
 fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
     let tick = "{\"ev\":\"tick\",\"at\":1}\n";

@@ -1,7 +1,8 @@
-//! The checks of the fuzz targets, as functions over bytes. Plain tests replay the targets' seeds with them.
+//! The checks of the fuzz targets, as functions over bytes. Plain tests replay the targets' seeds
+//! with them.
 //!
-//! Each function notes in a [`Coverage`] what the bytes reached, and returns a description of what is wrong,
-//! with the trace.
+//! Each function notes in a [`Coverage`] what the bytes reached, and returns a description of what
+//! is wrong, with the trace.
 
 mod bytes;
 mod edit;
@@ -25,8 +26,8 @@ const MESSAGE: usize = 512;
 /// A description of what is wrong.
 type FuzzResult = Result<(), String>;
 
-/// Takes bytes as a run, and compares the machine that ships with the reference machine: each decision, and
-/// the next due instant after each input.
+/// Takes bytes as a run, and compares the machine that ships with the reference machine: each
+/// decision, and the next due instant after each input.
 ///
 /// # Errors
 /// Returns the first difference, and the run as it should be.
@@ -35,8 +36,8 @@ pub fn step(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
 
-/// Takes bytes as a file. It is read to its end or to an error with its place, and every line stays the same
-/// when it is written and read again.
+/// Takes bytes as a file. It is read to its end or to an error with its place, and every line stays
+/// the same when it is written and read again.
 ///
 /// # Errors
 /// Returns what is wrong with the reading.
@@ -60,8 +61,8 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     }
 }
 
-/// Takes bytes as an [`Edit`] and a run. The judge accepts the decisions of the machine that ships, and finds
-/// the edit at its line, unless it changes nothing.
+/// Takes bytes as an [`Edit`] and a run. The judge accepts the decisions of the machine that ships,
+/// and finds the edit at its line, unless it changes nothing.
 ///
 /// # Errors
 /// Returns where the judge is wrong, and the edited trace.
@@ -97,8 +98,8 @@ pub fn run_of(bytes: &[u8]) -> Run {
     Bytes::new(bytes).run()
 }
 
-/// Runs both machines side by side, and compares each decision and the next due instant after each input. A
-/// progressive run admits and ends what a patient one does (P13).
+/// Runs both machines side by side, and compares each decision and the next due instant after each
+/// input. A progressive run admits and ends what a patient one does (P13).
 ///
 /// # Errors
 /// Returns the first difference.
@@ -133,8 +134,8 @@ pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// Checks an accepted line: it is JSON to others too, and it stays the same when it is written and read
-/// again.
+/// Checks an accepted line: it is JSON to others too, and it stays the same when it is written and
+/// read again.
 fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     reach.line(line);
     let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
@@ -157,7 +158,8 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// Checks the further keys of an accepted line, which stay the same when they are written and read again.
+/// Checks the further keys of an accepted line, which stay the same when they are written and read
+/// again.
 fn unchanged_annotations(event: &Event, annotations: &Annotations) -> FuzzResult {
     if annotations.is_empty() {
         return Ok(());
@@ -227,8 +229,8 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> F
     Ok(())
 }
 
-/// Returns the line at which the judge finds the first difference: at a decision or, if one is missing, at
-/// the line before what takes its place.
+/// Returns the line at which the judge finds the first difference: at a decision or, if one is
+/// missing, at the line before what takes its place.
 fn broken_line(whole: &[Event], edited: &[Event]) -> Option<u64> {
     let both = whole.len().max(edited.len());
     let index = (0..both).find(|index| whole.get(*index) != edited.get(*index))?;

@@ -1,4 +1,5 @@
-//! Shared by tests of several crates: a driver with a manual clock, and the checks of the fuzz targets.
+//! Shared by tests of several crates: a driver with a manual clock, and the checks of the fuzz
+//! targets.
 
 mod driver;
 pub mod fuzz;

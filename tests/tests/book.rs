@@ -1,5 +1,5 @@
-//! Checks that the book's first run follows from its inputs, and that the lines that chapters repeat are
-//! those of their files.
+//! Checks that the book's first run follows from its inputs, and that the lines that chapters
+//! repeat are those of their files.
 
 use std::fs;
 use std::path::Path;

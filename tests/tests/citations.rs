@@ -1,5 +1,5 @@
-//! Checks that every identifier that is cited exists, and that code and a test or trace cite every rule and
-//! promise.
+//! Checks that every identifier that is cited exists, and that code and a test or trace cite every
+//! rule and promise.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -27,7 +27,8 @@ static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJE]\d{1,3}g?)\b
 static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdje]\d+g?)_"));
 /// Identifiers at the start of a trace's name.
 static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpadje]\d+g?)-"));
-/// The places of definitions in the specification: a rule's heading, and a promise's or an ambiguity's row.
+/// The places of definitions in the specification: a rule's heading, and a promise's or an
+/// ambiguity's row.
 static DEFINITION: LazyLock<Regex> =
     LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJE]\d+) |\| (A\d+) \|)"));
 
@@ -107,7 +108,8 @@ fn identifier(word: &str) -> String {
     id
 }
 
-/// Returns the citations of the whole project, with names of traces, but without the specification's own.
+/// Returns the citations of the whole project, with names of traces, but without the
+/// specification's own.
 fn all_citations() -> Vec<Citation> {
     let mut all = Vec::new();
     for path in files() {

@@ -26,7 +26,8 @@ struct LockedPackage {
     dependencies: Vec<String>,
 }
 
-/// Returns the graph of the lock file. Unlike cargo's own graph it needs no package of another platform.
+/// Returns the graph of the lock file. Unlike cargo's own graph it needs no package of another
+/// platform.
 fn graph() -> Graph {
     let lock = fs::read_to_string(format!("{ROOT}/Cargo.lock")).expect("the workspace is locked");
     let lock: Lockfile = toml::from_str(&lock).expect("cargo wrote it");
@@ -113,8 +114,8 @@ fn has_example(text: &str) -> bool {
     begins.any(|language| ["", "rust", "no_run", "should_panic"].contains(&language))
 }
 
-/// Cargo is told that some libraries and programs have no tests or no examples, so that it builds nothing in
-/// vain.
+/// Cargo is told that some libraries and programs have no tests or no examples, so that it builds
+/// nothing in vain.
 #[test]
 fn what_is_said_to_have_no_tests_has_none() {
     let targets: Vec<_> = members().into_iter().flat_map(|package| package.targets).collect();

@@ -1,5 +1,5 @@
-//! Records operators with faults that no strict trace shows, at a message drawn by seed. The observed judge
-//! finds each.
+//! Records operators with faults that no strict trace shows, at a message drawn by seed. The
+//! observed judge finds each.
 
 use std::fmt::Write as _;
 
@@ -34,8 +34,8 @@ const fn ms(ms: u64) -> u64 {
     ms * 1_000_000
 }
 
-/// Returns a recording of an operator with a fault at one message. Its cloud returns a result, with one
-/// attempt or two, or does not.
+/// Returns a recording of an operator with a fault at one message. Its cloud returns a result, with
+/// one attempt or two, or does not.
 fn recording(seed: u64, fault: OperatorFault, wrong: u64) -> String {
     let mut rng = Rng::with_seed(seed);
     let mut trace = format!("{HEADER}\n");

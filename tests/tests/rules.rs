@@ -445,13 +445,13 @@ fn p5_local_goes_by_the_latest_due_if_clouds_are_lost() {
     }
 }
 
-/// The greatest of local's arrival and the due instants decides, whichever it is. The instant just before it
-/// does not.
+/// The greatest of local's arrival and the due instants decides, whichever it is. The instant just
+/// before it does not.
 #[test]
 fn p12_the_wait_ends_with_local_and_the_last_request() {
     for commit in BOTH {
-        // Local comes first. Its result waits for the last due instant, but no longer for that of a failed
-        // request.
+        // Local comes first. Its result waits for the last due instant, but no longer for that of a
+        // failed request.
         let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.fail(0, 3)), "waits");

@@ -42,7 +42,8 @@ fn offered(ready: &mut Ready<'_, 3, 4>, cloud: Cloud, backlog: u64) -> Admission
     ready.offer(Timestamp::new(3), cloud.priority, Deadline::from_millis(1), backlog)
 }
 
-/// Gives `source`'s result for timestamp 3, which must be forwarded. Returns the clouds that it cancels.
+/// Gives `source`'s result for timestamp 3, which must be forwarded. Returns the clouds that it
+/// cancels.
 fn forwarded(machine: &mut Machine, source: Priority) -> Priorities<3> {
     match ready(machine, 10).result(Timestamp::new(3), source) {
         Outcome::Forwarded { by, cancelled } if by == source => cancelled,

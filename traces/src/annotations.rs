@@ -10,15 +10,16 @@ use std::sync::Arc;
 /// The keys of an event beside those that the machine's rules need. By default there are none.
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Annotations {
-    /// `of`, on a result or an emit: the timestamp whose message this value was computed from, as the reply
-    /// says.
+    /// `of`, on a result or an emit: the timestamp whose message this value was computed from, as
+    /// the reply says.
     pub of: Option<u64>,
-    /// `for`, on a result or an emit: the timestamp that this value is meant for, as the reply says.
+    /// `for`, on a result or an emit: the timestamp that this value is meant for, as the reply
+    /// says.
     pub meant_for: Option<u64>,
     /// `try`, on a request, a result or a failure of an observed trace: the number of the attempt.
     pub attempt: Option<u8>,
-    /// `within`, on an open: the message's own deadline in nanoseconds. It counts from the capture if the
-    /// message's age is known, and otherwise from the open.
+    /// `within`, on an open: the message's own deadline in nanoseconds. It counts from the capture
+    /// if the message's age is known, and otherwise from the open.
     pub within: Option<u64>,
     /// `age`, on an open: the nanoseconds since the capture.
     pub age: Option<u64>,
@@ -51,8 +52,8 @@ pub struct Origin {
 pub struct HeaderAnnotations {
     /// `"local":"none"`, in observed traces: the operator has no local computation.
     pub without_local: bool,
-    /// `max_age` of clouds by their priority: a value may be of at most this many timestamps before its own.
-    /// For other clouds it is 0.
+    /// `max_age` of clouds by their priority: a value may be of at most this many timestamps before
+    /// its own. For other clouds it is 0.
     pub max_ages: BTreeMap<u64, u64>,
 }
 
@@ -87,8 +88,8 @@ impl Annotations {
         ValueKeys { of: self.of, meant_for: self.meant_for }
     }
 
-    /// Returns the instant in ns by which the message that is opened at `at` must have its output, if it has
-    /// a deadline of its own (J2).
+    /// Returns the instant in ns by which the message that is opened at `at` must have its output,
+    /// if it has a deadline of its own (J2).
     #[must_use]
     pub fn due(&self, at: u64) -> Option<u64> {
         let due = u128::from(at) + u128::from(self.within?);

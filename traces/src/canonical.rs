@@ -1,7 +1,8 @@
-//! Reads event lines in one pass if they are exactly as [`Event::write_annotated`](crate::Event) writes them.
+//! Reads event lines in one pass if they are exactly as [`Event::write_annotated`](crate::Event)
+//! writes them.
 //!
-//! Nearly all lines of a trace are such lines. A line with another order of keys, a blank or a rare key is
-//! left to the parser, and so is every error.
+//! Nearly all lines of a trace are such lines. A line with another order of keys, a blank or a rare
+//! key is left to the parser, and so is every error.
 
 use crate::event::{Decision, Event, Input};
 use crate::parse::Form;
@@ -10,8 +11,8 @@ use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 /// The greatest length of a line's instant and timestamp, with the key between them.
 const STAMP: usize = 19 + 5 + 19;
 
-/// The instant and the timestamp of the previous line, as they were written. Decisions have those of their
-/// input, so most lines repeat them.
+/// The instant and the timestamp of the previous line, as they were written. Decisions have those
+/// of their input, so most lines repeat them.
 #[derive(Debug)]
 pub(crate) struct StampBefore {
     bytes: [u8; STAMP],
@@ -30,8 +31,8 @@ pub(crate) struct CanonicalLine {
     pub(crate) len: usize,
 }
 
-/// Returns the event of the line at the start of `bytes`, or `None` if the line is not canonical or not
-/// complete.
+/// Returns the event of the line at the start of `bytes`, or `None` if the line is not canonical or
+/// not complete.
 #[inline]
 pub(crate) fn event(bytes: &[u8], form: Form, before: &mut StampBefore) -> Option<CanonicalLine> {
     let mut rest = UnreadBytes(bytes);
@@ -251,12 +252,12 @@ impl UnreadBytes<'_> {
 /// The powers of 10 by the number of digits that were read.
 const POWERS: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
-/// Returns the number that the leading digits of eight bytes form, and the number of these digits. The first
-/// byte is the lowest.
+/// Returns the number that the leading digits of eight bytes form, and the number of these digits.
+/// The first byte is the lowest.
 ///
-/// The digits are moved up so that zeros lead them. Then pairs of digits become numbers below 100, pairs of
-/// those become numbers below 10,000, and so on, in one multiplication each (D. Lemire, *Quickly parsing
-/// eight digits*, 2018).
+/// The digits are moved up so that zeros lead them. Then pairs of digits become numbers below 100,
+/// pairs of those become numbers below 10,000, and so on, in one multiplication each (D. Lemire,
+/// *Quickly parsing eight digits*, 2018).
 #[inline]
 const fn leading_digits(bytes: u64) -> (u64, usize) {
     let ones = bytes ^ 0x3030_3030_3030_3030;

@@ -1,7 +1,8 @@
 //! A reference machine for the judge's fast path. Each of its sets is a word of bits.
 //!
-//! It decides as [`Reference`](crate::Reference) does, by the same rules in the same order; tests compare the
-//! two on every file of the corpus and on random runs. It shares no code with the machine that ships.
+//! It decides as [`Reference`](crate::Reference) does, by the same rules in the same order; tests
+//! compare the two on every file of the corpus and on random runs. It shares no code with the
+//! machine that ships.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -33,8 +34,8 @@ pub(crate) struct CompactReference {
     newest: Option<u64>,
     /// The open timestamps, ascending.
     open: VecDeque<OpenBits>,
-    /// The due instant, timestamp and source of each timer. Some of them were disarmed: a request is armed at
-    /// most once.
+    /// The due instant, timestamp and source of each timer. Some of them were disarmed: a request
+    /// is armed at most once.
     timers: BinaryHeap<Reverse<(u64, u64, usize)>>,
     /// The number of live timers.
     live: usize,
@@ -151,8 +152,8 @@ impl CompactReference {
         out.push((Decision::RefuseOpen { at, t, why }, Rule::F1));
     }
 
-    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most the gate
-    /// (F2).
+    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most
+    /// the gate (F2).
     fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = at.saturating_add(deadline);
@@ -225,8 +226,8 @@ impl CompactReference {
         }
     }
 
-    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if nothing
-    /// better is pending (F9).
+    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if
+    /// nothing better is pending (F9).
     fn send(&mut self, place: usize, source: usize, out: &mut ExpectedDecisions) {
         let (at, p) = (self.now, self.priority(source));
         let Some(open) = self.open.get_mut(place) else { return };
@@ -246,8 +247,8 @@ impl CompactReference {
         }
     }
 
-    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by no timer
-    /// (F4, A36).
+    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by
+    /// no timer (F4, A36).
     fn fail(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         match self.accept(t, p) {
             Ok((place, source)) => {
@@ -258,8 +259,8 @@ impl CompactReference {
         }
     }
 
-    /// Returns the indices of the open timestamp and of the source, or the reason to drop an input for `(t,
-    /// p)` (F3, F4).
+    /// Returns the indices of the open timestamp and of the source, or the reason to drop an input
+    /// for `(t, p)` (F3, F4).
     fn accept(&self, t: u64, p: u64) -> Result<(usize, usize), DropReason> {
         let source = self.source(p).filter(|_| self.was_reached(t)).ok_or(DropReason::Unknown)?;
         // The timestamp was retired or skipped; this comes before *late* (F3, A16).
@@ -281,7 +282,8 @@ impl CompactReference {
         }
     }
 
-    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire together (F5).
+    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire
+    /// together (F5).
     fn expire(&mut self, out: &mut ExpectedDecisions) {
         // A timer fires at its due instant, not after it (F5, A1).
         while let Some(&Reverse((due, t, _))) = self.timers.peek()
@@ -307,8 +309,8 @@ impl CompactReference {
         }
     }
 
-    /// Forwards the best available result, misses, or waits, after requests were closed, perhaps by a cloud's
-    /// timer (F6).
+    /// Forwards the best available result, misses, or waits, after requests were closed, perhaps by
+    /// a cloud's timer (F6).
     fn settle(&mut self, place: usize, by_cloud: bool, out: &mut ExpectedDecisions) {
         let Some(&OpenBits { t, pending, cached, .. }) = self.open.get(place) else { return };
         let at = self.now;
@@ -322,8 +324,8 @@ impl CompactReference {
         }
         let best = cached.ilog2() as usize;
         if self.commit == Commit::Progressive {
-            // The result was sent before. If nothing better is pending it is final, where patient would
-            // forward it (F9, P13).
+            // The result was sent before. If nothing better is pending it is final, where patient
+            // would forward it (F9, P13).
             if pending == 0 {
                 self.retire(place);
                 out.push((Decision::Final { at, t, p: self.priority(best) }, Rule::F9));
@@ -334,7 +336,8 @@ impl CompactReference {
         }
     }
 
-    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule` demands.
+    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule`
+    /// demands.
     fn forward(&mut self, place: usize, source: usize, rule: Rule, out: &mut ExpectedDecisions) {
         if let Some(OpenBits { t, pending, .. }) = self.retire(place) {
             out.push((Decision::Emit { at: self.now, t, p: self.priority(source) }, rule));

@@ -1,13 +1,14 @@
 //! Conforming traces, one for each case of the rules.
 //!
-//! They are part of the crate, so that a command can play them to another implementation. Each states its
-//! case in its name and in its header's `x`. The other folders have a sidecar beside each trace, which states
-//! how the trace is judged and what is found:
+//! They are part of the crate, so that a command can play them to another implementation. Each
+//! states its case in its name and in its header's `x`. The other folders have a sidecar beside
+//! each trace, which states how the trace is judged and what is found:
 //!
 //! - `corpus/bad`: traces that break a rule.
-//! - `corpus/options`: traces that conform unless the run is known to have ended or its period is known.
-//! - `corpus/annotated`: traces with keys that no rule of the machine reads, some of them only in observed
-//!   traces.
+//! - `corpus/options`: traces that conform unless the run is known to have ended or its period is
+//!   known.
+//! - `corpus/annotated`: traces with keys that no rule of the machine reads, some of them only in
+//!   observed traces.
 //! - `corpus/observed`: observed traces under the progressive rule, and of the window.
 //! - `corpus/doubts`: traces that break nothing but leave a judge in doubt.
 

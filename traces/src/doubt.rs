@@ -12,7 +12,8 @@ const MESSAGES: usize = 1 << 20;
 pub enum DoubtKind {
     /// No timestamp was judged.
     Unjudged,
-    /// An open message has no output and waits for no deadline, although a later message has an output.
+    /// An open message has no output and waits for no deadline, although a later message has an
+    /// output.
     Unanswered,
     /// A message was still open when the run ended.
     Unfinished,
@@ -145,7 +146,8 @@ impl Doubt {
         (judged == 0).then(|| Self::new(DoubtKind::Unjudged, 1, found()))
     }
 
-    /// Returns the same doubt about those of its messages that are wanted, or `None` if none of them is.
+    /// Returns the same doubt about those of its messages that are wanted, or `None` if none of
+    /// them is.
     #[must_use]
     pub fn of_messages(&self, is_wanted: impl Fn(u64) -> bool) -> Option<Self> {
         if self.messages.is_empty() {

@@ -1,5 +1,5 @@
-//! The lines of a trace as types: header, inputs and decisions. This module parses, checks and decides
-//! nothing.
+//! The lines of a trace as types: header, inputs and decisions. This module parses, checks and
+//! decides nothing.
 
 use std::fmt;
 
@@ -119,7 +119,8 @@ pub enum Input {
 pub enum Decision {
     /// The timer of `(t, p)` fired. `p` is 0 for local's deadline.
     Timer {
-        /// The machine's clock in ns, when the timer was served. It may be later than the due instant.
+        /// The machine's clock in ns, when the timer was served. It may be later than the due
+        /// instant.
         at: u64,
         /// The timestamp.
         t: u64,

@@ -1,6 +1,8 @@
 //! The strict judge: compares a trace with the reference machine, decision by decision.
 //!
-//! [`Judge`] applies each input to a reference machine whose sets are bits, and compares the recorded decisions with the demanded ones. The lines of a concurrent implementation have no single order; [`observed`](crate::observed) judges their traces.
+//! [`Judge`] applies each input to a reference machine whose sets are bits, and compares the
+//! recorded decisions with the demanded ones. The lines of a concurrent implementation have no
+//! single order; [`observed`](crate::observed) judges their traces.
 
 use std::io::BufRead;
 
@@ -18,10 +20,10 @@ use crate::verdict::{Verdict, Violation, ViolationPlace};
 
 /// Judges one trace, line by line.
 ///
-/// Every decision must be the one that the rules demand, in their order. The judge reports at most one
-/// violation for an input, the first, and does not compare the other decisions about that input. It continues
-/// with the next input, because the rules demand decisions from the inputs alone. Its memory is bounded by
-/// the window, not by the trace's length.
+/// Every decision must be the one that the rules demand, in their order. The judge reports at most
+/// one violation for an input, the first, and does not compare the other decisions about that
+/// input. It continues with the next input, because the rules demand decisions from the inputs
+/// alone. Its memory is bounded by the window, not by the trace's length.
 #[derive(Debug)]
 pub struct Judge {
     reference: CompactReference,
@@ -59,7 +61,8 @@ pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
 }
 
 impl Judge {
-    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the verdict.
+    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the
+    /// verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
         Self {
@@ -138,8 +141,8 @@ impl Judge {
         self.in_doubt(unanswered, DoubtKind::Unanswered)
     }
 
-    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire at its due
-    /// instant (A44). Returns the verdict.
+    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire at
+    /// its due instant (A44). Returns the verdict.
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.close("no decision; the trace ends");
@@ -194,7 +197,8 @@ impl Judge {
         }
     }
 
-    /// Compares a decision with the one that is demanded next. `value` has the keys that concern its value.
+    /// Compares a decision with the one that is demanded next. `value` has the keys that concern
+    /// its value.
     fn compare(&mut self, found: &Decision, value: ValueKeys) {
         let demand = self.demands.get(self.met).copied();
         if demand.is_some_and(|(expected, _)| expected == *found) {
@@ -212,8 +216,8 @@ impl Judge {
         self.differ(Some(*found), demand, lack);
     }
 
-    /// Checks the value of an emit: it repeats the keys of the result that it sends, is not too old, and is
-    /// meant for this timestamp (D2, D18).
+    /// Checks the value of an emit: it repeats the keys of the result that it sends, is not too
+    /// old, and is meant for this timestamp (D2, D18).
     fn compare_value(&mut self, found: &Decision, value: ValueKeys) {
         let Decision::Emit { t, p, .. } = *found else { return };
         let written = |value: ValueKeys| Event::Decision(*found).annotated(&value.into());
@@ -310,8 +314,8 @@ impl Judge {
         }
     }
 
-    /// Returns `true` if the decision sends or ends a timestamp that ended before or, under progressive,
-    /// sends no better result than before (P1).
+    /// Returns `true` if the decision sends or ends a timestamp that ended before or, under
+    /// progressive, sends no better result than before (P1).
     fn is_second_end(&self, found: &Decision) -> bool {
         let is_progressive = self.reference.commit() == Commit::Progressive;
         let is_output = |decision: &Decision| {

@@ -14,8 +14,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The first byte of a file tells how it is packed; its name does not matter. The command and the Python
-//! wheel both read files with this module, so they accept the same files.
+//! The first byte of a file tells how it is packed; its name does not matter. The command and the
+//! Python wheel both read files with this module, so they accept the same files.
 //!
 //! | packed | unpacked in memory of |
 //! |---|---|
@@ -23,15 +23,16 @@
 //! | zstd, with one or several frames | the frame's window, at most 128 MiB |
 //! | MCAP, its chunks plain, lz4 or zstd | its largest record, at most 40 MiB |
 //!
-//! In an MCAP file, the messages of the topic `/fuseline/trace` are the lines. They are rewritten in the form
-//! of a trace, so their verdict is the same as after `fuseline convert`. A length that a file claims takes no
-//! memory before its bytes arrive, except that a record in an lz4 chunk takes what it claims at once. Every
-//! record beyond 40 MiB is refused.
+//! In an MCAP file, the messages of the topic `/fuseline/trace` are the lines. They are rewritten
+//! in the form of a trace, so their verdict is the same as after `fuseline convert`. A length that
+//! a file claims takes no memory before its bytes arrive, except that a record in an lz4 chunk
+//! takes what it claims at once. Every record beyond 40 MiB is refused.
 //!
 //! Without the feature `packed` only gzip is unpacked.
 //!
-//! This module does not read tar or zip, and no encoding other than JSON (`RawMessages` returns such bytes).
-//! It cannot supply the header for an MCAP file without one; `fuseline convert --header` can.
+//! This module does not read tar or zip, and no encoding other than JSON (`RawMessages` returns
+//! such bytes). It cannot supply the header for an MCAP file without one;
+//! `fuseline convert --header` can.
 
 mod beside;
 #[cfg(feature = "packed")]
@@ -57,8 +58,8 @@ use self::pieces::PieceReader;
 /// The topic of a trace's lines, unless another one is named.
 pub const TOPIC: &str = "/fuseline/trace";
 
-/// The binary logarithm of the greatest window of a zstd frame, in bytes. The `zstd` command has the same
-/// limit.
+/// The binary logarithm of the greatest window of a zstd frame, in bytes. The `zstd` command has
+/// the same limit.
 #[cfg(feature = "packed")]
 const WINDOW_LOG: u32 = 27;
 
@@ -125,8 +126,8 @@ pub fn unpack_bytes<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn Buf
     Ok(Box::new(BufReader::with_capacity(PIECE, decoder(inner, packing)?)))
 }
 
-/// Unpacks a message that is compressed by itself, as rosbag2 does in its mode `message`. Returns `None` if
-/// it is not compressed or has more than [`RECORD`] bytes.
+/// Unpacks a message that is compressed by itself, as rosbag2 does in its mode `message`. Returns
+/// `None` if it is not compressed or has more than [`RECORD`] bytes.
 #[cfg(feature = "packed")]
 #[must_use]
 pub fn unpack_message(data: &[u8]) -> Option<Vec<u8>> {

@@ -1,5 +1,5 @@
-//! The strict parser of one line. An unknown or missing key, or a number out of range, is an error with its
-//! column.
+//! The strict parser of one line. An unknown or missing key, or a number out of range, is an error
+//! with its column.
 //!
 //! [`Events`](crate::Events) checks the order of lines.
 
@@ -28,8 +28,8 @@ const USUAL: [(&[u8], Key); 4] =
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Form {
     Strict,
-    /// An observed trace. A request has exactly one of `due` and `deadline`, which counts from its own `at`.
-    /// Attempts have numbers.
+    /// An observed trace. A request has exactly one of `due` and `deadline`, which counts from its
+    /// own `at`. Attempts have numbers.
     Observed,
     /// An observed trace of an operator without local.
     WithoutLocal,
@@ -271,7 +271,8 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// Returns the kind of the line, if its keys are those of such a line. `end` is where its object ends.
+    /// Returns the kind of the line, if its keys are those of such a line. `end` is where its
+    /// object ends.
     fn kind(&self, end: usize, form: Form) -> Result<LineKind, ParseError> {
         let header = self.seen.contains(Key::Fuseline);
         let kind = if header { Some(LineKind::Header) } else { self.kind };

@@ -86,10 +86,11 @@ impl<R: BufRead> Events<R> {
         Self::of_form(Form::Strict, file.into(), inner)
     }
 
-    /// Reads the header of a trace that is to be judged as observed. `file` names the trace in errors.
+    /// Reads the header of a trace that is to be judged as observed. `file` names the trace in
+    /// errors.
     ///
-    /// In such a trace a request may have its `deadline` instead of `due`; its event then has the due
-    /// instant. Attempts may have numbers, and there may be no local.
+    /// In such a trace a request may have its `deadline` instead of `due`; its event then has the
+    /// due instant. Attempts may have numbers, and there may be no local.
     ///
     /// # Errors
     /// Returns a [`ReadError`] if there is no first line or it is not a header.
@@ -215,8 +216,8 @@ impl<R: BufRead> Events<R> {
         }
     }
 
-    /// Reads the next line into the buffer, at most one byte more than a line may have. Returns `false` if
-    /// the line is too long or the input ends first.
+    /// Reads the next line into the buffer, at most one byte more than a line may have. Returns
+    /// `false` if the line is too long or the input ends first.
     fn fill(&mut self) -> io::Result<bool> {
         self.raw.clear();
         while self.raw.len() <= LINE {

@@ -1,4 +1,5 @@
-//! The reasons for refusals and drops. Each kind has a table with the word of a trace and a sentence.
+//! The reasons for refusals and drops. Each kind has a table with the word of a trace and a
+//! sentence.
 
 use std::fmt;
 

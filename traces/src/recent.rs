@@ -64,7 +64,8 @@ impl RecentLines {
         older.iter().chain(newer)
     }
 
-    /// Returns the first line about a timestamp, its last ones, and the line `cause`, whatever it is about.
+    /// Returns the first line about a timestamp, its last ones, and the line `cause`, whatever it
+    /// is about.
     pub(crate) fn story(&self, t: u64, cause: Option<u64>) -> Vec<String> {
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
         let reported: Vec<_> = self.iter().filter(of_t).collect();

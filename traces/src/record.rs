@@ -15,10 +15,10 @@ const GATHERED: usize = 64 * 1024;
 
 /// The settings of a recording. By default it is one plain file.
 ///
-/// A killed process loses the lines that were not written yet. A [`Recorder`] by itself writes 64 KiB at a
-/// time, or when it is [flushed](Recorder::flush). An operator flushes its recorder twice a second, and
-/// whenever a message is missed or refused. A power cut also loses what the operating system has not brought
-/// to the disk; on Linux that is about the last half minute.
+/// A killed process loses the lines that were not written yet. A [`Recorder`] by itself writes 64
+/// KiB at a time, or when it is [flushed](Recorder::flush). An operator flushes its recorder twice
+/// a second, and whenever a message is missed or refused. A power cut also loses what the operating
+/// system has not brought to the disk; on Linux that is about the last half minute.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Recording {
     /// Starts another file when the current one holds this many bytes before compression.
@@ -33,18 +33,18 @@ pub struct Recording {
 
 /// Writes one operator's trace to a file while it runs, under the file's own name from the start.
 ///
-/// Lines are gathered and written between two inputs. So even a process that is killed leaves a trace that
-/// ends with all decisions of an input, unless it was killed in the middle of a write. Dropping the recorder
-/// writes what is gathered, even in a panic.
+/// Lines are gathered and written between two inputs. So even a process that is killed leaves a
+/// trace that ends with all decisions of an input, unless it was killed in the middle of a write.
+/// Dropping the recorder writes what is gathered, even in a panic.
 ///
-/// A recorder never stops its operator. After the first error it records nothing more, and it cuts off what
-/// was partly written, so that the trace ends with all decisions of an input. [`error`](Self::error) and
-/// [`finish`](Self::finish) report the error.
+/// A recorder never stops its operator. After the first error it records nothing more, and it cuts
+/// off what was partly written, so that the trace ends with all decisions of an input.
+/// [`error`](Self::error) and [`finish`](Self::finish) report the error.
 ///
-/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once it is
-/// full. Each part begins with the header, so each can be read. A later part cannot be judged by itself,
-/// because open timestamps, gates and the clock carry over. Without the later headers the parts together are
-/// the one trace:
+/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once
+/// it is full. Each part begins with the header, so each can be read. A later part cannot be judged
+/// by itself, because open timestamps, gates and the clock carry over. Without the later headers
+/// the parts together are the one trace:
 /// `(cat trace.jsonl; tail -qn +2 trace.1.jsonl trace.2.jsonl) | fuseline check`.
 ///
 /// ```
@@ -206,7 +206,8 @@ impl Recorder {
         path.with_file_name(format!("{stem}.{part}{end}"))
     }
 
-    /// Begins the lines of an input, and first writes those of earlier inputs if they exceed `most` bytes.
+    /// Begins the lines of an input, and first writes those of earlier inputs if they exceed `most`
+    /// bytes.
     fn begin(&mut self, input: &Input, annotations: &Annotations, most: usize) {
         if self.recording.rotate.is_some_and(|full| self.size >= full) {
             self.attempt(Self::rotate);
@@ -268,12 +269,14 @@ impl LineSink {
         Ok(Self { file: File::create(path)?, recording, len: 0, packed: Vec::new() })
     }
 
-    /// Writes all bytes, or else as many as end with all decisions of an input. Inputs begin at `inputs`.
+    /// Writes all bytes, or else as many as end with all decisions of an input. Inputs begin at
+    /// `inputs`.
     fn write(&mut self, bytes: &[u8], inputs: &[usize]) -> io::Result<()> {
         if bytes.is_empty() {
             return Ok(());
         }
-        // Each write is a gzip member of its own, so that what is on the disk can be unpacked to its end.
+        // Each write is a gzip member of its own, so that what is on the disk can be unpacked to
+        // its end.
         self.packed.clear();
         let (mut bytes, mut whole) = (bytes, inputs);
         if self.recording.gzip {

@@ -1,7 +1,7 @@
 //! The machine as the rules state it, with plain sets.
 //!
-//! It is written to be obvious, not fast: one method for each rule, in the rule's words. It shares no code
-//! with the machine that ships, so that the two can disagree.
+//! It is written to be obvious, not fast: one method for each rule, in the rule's words. It shares
+//! no code with the machine that ships, so that the two can disagree.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,8 +11,8 @@ use crate::rule::Rule;
 
 /// Decides about inputs one by one, and gives each decision with the rule that demands it.
 ///
-/// Its memory is bounded by the window and the number of clouds. Two machines are equal if they give the same
-/// decisions for all further inputs.
+/// Its memory is bounded by the window and the number of clouds. Two machines are equal if they
+/// give the same decisions for all further inputs.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Reference {
     window: usize,
@@ -114,8 +114,8 @@ impl Reference {
         }
     }
 
-    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most the gate
-    /// (F2).
+    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most
+    /// the gate (F2).
     fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = at.saturating_add(deadline);
@@ -181,8 +181,8 @@ impl Reference {
         }
     }
 
-    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if nothing
-    /// better is pending (F9).
+    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if
+    /// nothing better is pending (F9).
     fn send(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let Some(open) = self.open.get_mut(&t) else { return };
@@ -205,8 +205,8 @@ impl Reference {
         }
     }
 
-    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by no timer
-    /// (F4, A36).
+    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by
+    /// no timer (F4, A36).
     fn fail(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         match self.accept(t, p) {
             Ok(open) => {
@@ -242,7 +242,8 @@ impl Reference {
         }
     }
 
-    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire together (F5).
+    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire
+    /// together (F5).
     fn expire(&mut self, out: &mut ExpectedDecisions) {
         // A timer fires at its due instant, not after it (F5, A1).
         while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
@@ -268,8 +269,8 @@ impl Reference {
     fn settle(&mut self, t: u64, cause: SettleCause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
-            // The result was sent before. If nothing better is pending it is final, where patient would
-            // forward it (F9, P13).
+            // The result was sent before. If nothing better is pending it is final, where patient
+            // would forward it (F9, P13).
             Some(_) if self.commit == Commit::Progressive && !open.pending.is_empty() => {}
             Some(last) if self.commit == Commit::Progressive => {
                 self.retire(t);
@@ -292,7 +293,8 @@ impl Reference {
         }
     }
 
-    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule` demands.
+    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule`
+    /// demands.
     fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut ExpectedDecisions) {
         let at = self.now;
         out.push((Decision::Emit { at, t, p }, rule));

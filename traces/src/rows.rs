@@ -8,8 +8,9 @@ use csv::{ErrorKind, Reader, ReaderBuilder, StringRecord};
 
 /// Reads CSV whose first row names the columns.
 ///
-/// Lines end with LF, CRLF or CR, and empty lines are skipped. Each row comes with its own line. The `csv`
-/// crate reports the line at which its reader stopped, which is an earlier one in both cases.
+/// Lines end with LF, CRLF or CR, and empty lines are skipped. Each row comes with its own line.
+/// The `csv` crate reports the line at which its reader stopped, which is an earlier one in both
+/// cases.
 #[derive(Debug)]
 pub struct TableReader<R> {
     inner: Reader<LineIndex<R>>,
@@ -44,7 +45,8 @@ impl<R: Read> TableReader<R> {
     /// Returns the next row and its line, or `None` at the end.
     ///
     /// # Errors
-    /// Returns a [`TableError`] if the row cannot be read or does not have as many cells as there are names.
+    /// Returns a [`TableError`] if the row cannot be read or does not have as many cells as there
+    /// are names.
     pub fn next_row(&mut self) -> Result<Option<(u64, &StringRecord)>, TableError> {
         let from = self.inner.position().byte();
         let read = self.inner.read_record(&mut self.row);

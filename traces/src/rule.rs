@@ -54,7 +54,8 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// All rules that a violation of a strict trace can name. Those of an observed trace can name the others too.
+    /// All rules that a violation of a strict trace can name. Those of an observed trace can name
+    /// the others too.
     pub const ALL: [Self; 13] = [
         Self::F0,
         Self::F1,

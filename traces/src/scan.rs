@@ -64,7 +64,8 @@ impl<'a> Scan<'a> {
         Err(self.fault(format!("expected `{wanted}` {place}, found {}", self.found())))
     }
 
-    /// Takes the comma or the closing bracket of an object or a list. Returns `true` if it continues.
+    /// Takes the comma or the closing bracket of an object or a list. Returns `true` if it
+    /// continues.
     #[inline]
     pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
         match self.peek() {

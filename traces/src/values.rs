@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use crate::annotations::ValueKeys;
 use crate::event::{Decision, Input};
 
-/// Follows a machine's decisions, so that an emit can name the timestamp that its value was computed from
-/// (D2) and the one that it is meant for (D18).
+/// Follows a machine's decisions, so that an emit can name the timestamp that its value was
+/// computed from (D2) and the one that it is meant for (D18).
 ///
-/// It stores an entry for each held result that has such a key, so its memory is bounded as the machine's is.
+/// It stores an entry for each held result that has such a key, so its memory is bounded as the
+/// machine's is.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct HeldValues {
     /// The value keys by timestamp and source.
@@ -18,7 +19,8 @@ pub struct HeldValues {
 }
 
 impl HeldValues {
-    /// Returns `true` if an input with these value keys changes nothing here, so that it need not be applied.
+    /// Returns `true` if an input with these value keys changes nothing here, so that it need not
+    /// be applied.
     #[must_use]
     pub fn is_idle(&self, value: ValueKeys) -> bool {
         value.is_empty() && self.sent.is_empty() && self.held.is_empty()
@@ -45,8 +47,8 @@ impl HeldValues {
         }
     }
 
-    /// Returns the value keys of the value that this decision about the last input sends, as far as they are
-    /// known.
+    /// Returns the value keys of the value that this decision about the last input sends, as far as
+    /// they are known.
     #[must_use]
     pub fn sent(&self, decision: &Decision) -> ValueKeys {
         let Decision::Emit { t: sent, .. } = decision else { return ValueKeys::default() };

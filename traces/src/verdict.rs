@@ -19,8 +19,8 @@ pub struct Verdict {
     pub file: String,
     /// `true` if there is no violation and every doubt is accepted.
     pub conforms: bool,
-    /// The number of judged timestamps: those that were opened and have a result, a failure, an emit or a
-    /// miss.
+    /// The number of judged timestamps: those that were opened and have a result, a failure, an
+    /// emit or a miss.
     pub judged: u64,
     /// The number of lines in the trace, with the header.
     pub lines: u64,
@@ -51,15 +51,15 @@ pub struct ViolationPlace {
     pub rule: Rule,
 }
 
-/// A decision that the rules do not demand or, in an observed trace, a timestamp that they cannot explain or
-/// a gap between opens.
+/// A decision that the rules do not demand or, in an observed trace, a timestamp that they cannot
+/// explain or a gap between opens.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Violation {
-    /// The line, counted from 1. If a decision is missing, it is the line after which the decision should
-    /// stand. If an observed output is missing, it is the timestamp's last line.
+    /// The line, counted from 1. If a decision is missing, it is the line after which the decision
+    /// should stand. If an observed output is missing, it is the timestamp's last line.
     pub line: u64,
-    /// The timestamp that it is about. For a gap it is the timestamp opened after it, or the one before the
-    /// end; `None` if none was opened.
+    /// The timestamp that it is about. For a gap it is the timestamp opened after it, or the one
+    /// before the end; `None` if none was opened.
     pub t: Option<u64>,
     /// The rule or promise that is broken.
     pub rule: Rule,

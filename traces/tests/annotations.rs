@@ -215,8 +215,8 @@ fn a_recorder_writes_them() {
     assert_eq!(violation.story[1], r#"3: {"ev":"result","at":1,"t":9,"p":0,"of":8}"#);
 }
 
-/// A value of another message is reported as such (D2), and not as a missing result (P3) if no result is
-/// recorded at all.
+/// A value of another message is reported as such (D2), and not as a missing result (P3) if no
+/// result is recorded at all.
 #[test]
 fn a_value_of_another_message_is_reported_as_that() {
     let trace = [
@@ -279,7 +279,8 @@ fn action_of_a_later_tick_breaks_d18() {
     assert_eq!(violation.expected, "a value that is meant for timestamp 5");
 }
 
-/// An emit names the message of the result that was held, and not that of a later result that was dropped (D2, A46).
+/// An emit names the message of the result that was held, and not that of a later result that was
+/// dropped (D2, A46).
 #[test]
 fn d2_emit_has_the_value_that_was_held() {
     for (of, rules) in [(4, vec![]), (3, vec![Rule::D2])] {

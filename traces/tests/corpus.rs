@@ -1,5 +1,5 @@
-//! Judges every trace of the corpus: conforming ones conform, and breaking ones break what their sidecars
-//! name.
+//! Judges every trace of the corpus: conforming ones conform, and breaking ones break what their
+//! sidecars name.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -96,7 +96,8 @@ fn doubts_are_those_of_their_sidecars() {
     assert_eq!(kinds, DoubtKind::ALL.map(|kind| kind.as_str().to_owned()).into());
 }
 
-/// Returns the doubts with their counts, and whether the trace conforms, without and with accepting them.
+/// Returns the doubts with their counts, and whether the trace conforms, without and with accepting
+/// them.
 fn doubts(options: &Options, trace: &[u8]) -> (BTreeMap<String, u64>, (bool, bool)) {
     let verdict = judged(options, trace);
     let counts = verdict.doubts.iter().map(|doubt| (doubt.kind.as_str().to_owned(), doubt.count));
@@ -118,8 +119,8 @@ fn bad_traces_break_only_the_named_rule() {
     assert!(astray.is_empty(), "{}", astray.join("\n\n"));
 }
 
-/// These traces conform by their lines alone; knowing that the run has ended, or its period, changes the
-/// verdict (A44, A45, J1).
+/// These traces conform by their lines alone; knowing that the run has ended, or its period,
+/// changes the verdict (A44, A45, J1).
 #[test]
 fn traces_of_which_more_is_known_are_judged_by_that() {
     let folder = corpus().join("options");
@@ -137,8 +138,9 @@ fn traces_of_which_more_is_known_are_judged_by_that() {
     }
 }
 
-/// Judges values, attempts, a message's own deadline, an absent local and clocks that differ (A46 to A50, D2,
-/// D18, J2). The sidecar says how a trace is judged; a trace without a violation in it conforms.
+/// Judges values, attempts, a message's own deadline, an absent local and clocks that differ (A46
+/// to A50, D2, D18, J2). The sidecar says how a trace is judged; a trace without a violation in it
+/// conforms.
 #[test]
 fn traces_with_further_keys_are_judged_by_them() {
     assert!(judged_as_their_sidecars_say("annotated") > 15);

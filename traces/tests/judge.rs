@@ -16,8 +16,8 @@ fn header() -> Header {
     Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
 }
 
-/// Judges a trace whose events are written in a few words: `open 0 1` and so on, with values in the format's
-/// order.
+/// Judges a trace whose events are written in a few words: `open 0 1` and so on, with values in the
+/// format's order.
 fn verdict(events: &[&str]) -> Verdict {
     let mut trace = HEADER.to_owned();
     for event in events {
@@ -230,7 +230,8 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     ));
 }
 
-/// Local may still be computing for a message of which nothing came, so it breaks nothing (A44, P7).
+/// Local may still be computing for a message of which nothing came, so it breaks nothing (A44,
+/// P7).
 #[test]
 fn a44_message_without_a_result_is_unfinished() {
     let mut judge = Judge::new("a.jsonl", &header());

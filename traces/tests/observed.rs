@@ -1,5 +1,5 @@
-//! Tests the observed judge: which rule or promise it names, what it says was allowed, and what it does not
-//! judge.
+//! Tests the observed judge: which rule or promise it names, what it says was allowed, and what it
+//! does not judge.
 
 use std::fmt::Write;
 
@@ -11,8 +11,8 @@ use serde_json::json;
 const EXACT: Slack = Slack { tolerance: 0, lateness: 0 };
 const LOOSE: Slack = Slack { tolerance: 2, lateness: 5 };
 
-/// Returns a trace whose events are written in a few words: `open 0 1` and so on, with values in the format's
-/// order.
+/// Returns a trace whose events are written in a few words: `open 0 1` and so on, with values in
+/// the format's order.
 fn trace(commit: &str, events: &[&str]) -> String {
     let mut trace = format!(
         "{{\"fuseline\":1,\"window\":4,\"commit\":\"{commit}\",\"clouds\":[{{\"p\":1,\"limit\":9}},{{\"p\":2,\"limit\":9}}]}}\n"
@@ -247,7 +247,8 @@ fn j1_gaps_between_opens_and_at_the_end_are_reported() {
     assert_eq!(period(&["open 50 1", "open 160 2"]), [(3, Some(2), Some(1))]);
     assert_eq!(period(&["open 50 1", "tick 159"]), []);
     assert_eq!(period(&["open 50 1", "tick 160"]), [(3, Some(1), Some(1))]);
-    // The lines are out of order within the tolerance, and the time before the first open is no gap.
+    // The lines are out of order within the tolerance, and the time before the first open is no
+    // gap.
     assert_eq!(period(&["tick 0", "open 204 2", "open 200 1", "open 309 3", "tick 310"]), []);
     // Only instants count, whatever the timestamps are.
     assert_eq!(period(&["open 50 9", "open 150 2", "open 250 1"]), []);
@@ -344,7 +345,8 @@ fn refused_timestamp_with_output_is_not_unfinished() {
     assert_eq!((verdict.violations.len(), left_unfinished(&verdict)), (1, 0));
 }
 
-/// Judges under progressive without tolerance. Returns the line, the rule, the delay and what was expected.
+/// Judges under progressive without tolerance. Returns the line, the rule, the delay and what was
+/// expected.
 fn progressive(events: &[&str]) -> Option<(u64, String, Option<u64>, String)> {
     let trace = trace("progressive", events);
     let verdict = judge("a.jsonl", EXACT, trace.as_bytes()).expect("it is well formed");

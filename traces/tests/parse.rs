@@ -288,8 +288,8 @@ fn writes_keys_in_one_order_without_white_space() {
     assert_eq!(refuse.to_string(), "{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"why\":\"full\"}");
 }
 
-/// Reads each kind of line, with numbers up to and beyond what one pass reads, and with each change of one
-/// byte.
+/// Reads each kind of line, with numbers up to and beyond what one pass reads, and with each change
+/// of one byte.
 #[test]
 fn changed_lines_say_in_one_pass_what_the_parser_says() {
     const NUMBERS: [u64; 6] = [0, 7, 98_765_432, 123_456_789, 9_999_999_999_999_999_999, u64::MAX];

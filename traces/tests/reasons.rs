@@ -1,5 +1,5 @@
-//! Checks that each list of reasons is complete. A new reason breaks a `match` here, and then the comparison
-//! below it.
+//! Checks that each list of reasons is complete. A new reason breaks a `match` here, and then the
+//! comparison below it.
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 

@@ -18,7 +18,8 @@ fn header() -> Header {
     Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
 }
 
-/// Records this many messages with the rules' decisions. Each forwards local at the cloud's due instant.
+/// Records this many messages with the rules' decisions. Each forwards local at the cloud's due
+/// instant.
 fn record(recorder: &mut Recorder, messages: u64) {
     let mut reference = Reference::new(&header());
     let mut demands = ExpectedDecisions::new();
@@ -152,8 +153,8 @@ fn parts_have_headers_and_join_to_the_trace() {
             let packed = fs::read(part).unwrap();
             std::io::Read::read_to_string(&mut unpack(&packed[..]).unwrap(), &mut text).unwrap();
             joined += text.strip_prefix(&head).expect("each part has the header");
-            // A part is full when the next one begins, and exceeds its size by at most an input with its
-            // decisions.
+            // A part is full when the next one begins, and exceeds its size by at most an input
+            // with its decisions.
             assert!(text.len() < 4096 + 300);
             assert!(text.len() >= 4096 || place + 1 == parts.len());
         }
@@ -191,8 +192,8 @@ fn error_waits_for_finish_and_trace_stays_whole() {
     assert!(verdict.violations.is_empty() && verdict.judged > 0, "{verdict}");
 }
 
-/// Runs a test of this file again in a process that may write no file of more than 16 KiB. Like a full disk,
-/// it takes part of one write and refuses the next.
+/// Runs a test of this file again in a process that may write no file of more than 16 KiB. Like a
+/// full disk, it takes part of one write and refuses the next.
 fn on_a_small_disk(test: &str) {
     let ended = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])

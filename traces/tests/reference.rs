@@ -1,4 +1,5 @@
-//! Tests the reference machine's queries. The corpus and the comparison with the core test its decisions.
+//! Tests the reference machine's queries. The corpus and the comparison with the core test its
+//! decisions.
 
 use fuseline_traces::{Cloud, Commit, Header, Input, Reference};
 

@@ -1,4 +1,5 @@
-//! Checks that the observed judge, line by line, finds what a look at all lines of a timestamp at once finds.
+//! Checks that the observed judge, line by line, finds what a look at all lines of a timestamp at
+//! once finds.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -113,8 +114,8 @@ fn at(event: &Event) -> u64 {
     }
 }
 
-/// Returns the timestamps that do not conform, and those that stay open, from all lines of each at once, by
-/// the words of `SPEC.md`.
+/// Returns the timestamps that do not conform, and those that stay open, from all lines of each at
+/// once, by the words of `SPEC.md`.
 fn naive(terms: &Terms, end: u64, events: &[RecordedEvent]) -> [BTreeSet<u64>; 2] {
     let mut by_t: BTreeMap<u64, Vec<(RecordedEvent, bool)>> = BTreeMap::new();
     let mut records_opens = false;
@@ -189,8 +190,8 @@ type TimestampLines = (Opens, Refusals, Vec<OutputLine>);
 /// A timestamp, the instants of its accepted opens, and its first output.
 type OpenedTimestamp = (u64, Vec<u64>, Option<OutputLine>);
 
-/// Returns, for each accepted open, its timestamp, the number of others that were certainly open then, and
-/// the number that may have been (P9). Only outputs that came in time count.
+/// Returns, for each accepted open, its timestamp, the number of others that were certainly open
+/// then, and the number that may have been (P9). Only outputs that came in time count.
 fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
     let (twice, reach) = (2 * terms.own.tolerance, 2 * terms.own.tolerance + terms.own.lateness);
     let mut by_t: BTreeMap<u64, TimestampLines> = BTreeMap::new();
@@ -276,7 +277,8 @@ fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)>
     failed
 }
 
-/// Returns `true` if an output may not have the value that it names, or that the results name (D2, D18).
+/// Returns `true` if an output may not have the value that it names, or that the results name (D2,
+/// D18).
 fn is_value_wrong(
     terms: &Terms,
     t: u64,
@@ -399,8 +401,8 @@ fn fate(
     is_none.then_some(MessageEnding::Open)
 }
 
-/// Generates what the reference machine does, with wrong instants, lines out of order and keys that are
-/// sometimes wrong.
+/// Generates what the reference machine does, with wrong instants, lines out of order and keys that
+/// are sometimes wrong.
 fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     let input = prop_oneof![
         4 => (0..6_u64, option::of(1..30_u64))
@@ -591,8 +593,8 @@ proptest! {
         }
     }
 
-    /// Neither the ends of any range nor nonsense prevents a verdict, or an error that a line is out of
-    /// order.
+    /// Neither the ends of any range nor nonsense prevents a verdict, or an error that a line is
+    /// out of order.
     #[test]
     fn every_trace_has_its_verdict(
         commit in prop::sample::select(&Commit::ALL[..]),

@@ -1,8 +1,8 @@
 //! The exported functions for the machine of one thread.
 //!
-//! Each one answers a wrong pointer, a wrong machine and a call from within another call with a status, and
-//! then changes nothing. Their documentation becomes that of `include/fuseline.h`, which is generated from
-//! it.
+//! Each one answers a wrong pointer, a wrong machine and a call from within another call with a
+//! status, and then changes nothing. Their documentation becomes that of `include/fuseline.h`,
+//! which is generated from it.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
@@ -14,8 +14,9 @@ use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine, IdleStorage, Storage, with_room};
 
-/// Makes a call of an idle machine if there is one and the answer can be written; otherwise returns from the
-/// function. There is one call for each capacity, so that the compiler joins it with the machine's code.
+/// Makes a call of an idle machine if there is one and the answer can be written; otherwise returns
+/// from the function. There is one call for each capacity, so that the compiler joins it with the
+/// machine's code.
 macro_rules! call {
     ($machine:ident, $answer:ident, $method:ident($($argument:expr),*)) => {{
         // SAFETY: as the header requires.
@@ -24,9 +25,11 @@ macro_rules! call {
             Err(status) => return status,
         };
         with_room!(header.idle_capacity(), R = Storage => {
-            // SAFETY: the seal says that a storage of this capacity was written here, and it is idle.
+            // SAFETY: the seal says that a storage of this capacity was written here, and it is
+            // idle.
             let storage = unsafe { IdleStorage::new($machine.cast::<R>()) };
-            // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
+            // SAFETY: not null, aligned, outside the machine, and the header requires that it may
+            // be written.
             storage.$method($($argument,)* unsafe { &mut *$answer.cast() })
         }, else header.refusal())
     }};
@@ -45,23 +48,26 @@ pub extern "C" fn fuseline_version() -> *const c_char {
     names::VERSION.as_ptr()
 }
 
-/// Returns the capacity that the library was built for beside the named ones, or 0 if there is none.
+/// Returns the capacity that the library was built for beside the named ones, or 0 if there is
+/// none.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_own_capacity() -> u32 {
     storage::OWN_CAPACITY
 }
 
 /// Returns a deadline of `count` units of `unit` nanoseconds each, as in
-/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which is refused, if it is
-/// negative, and UINT64_MAX, which is above every greatest deadline but itself, if it does not fit.
+/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which is refused, if it
+/// is negative, and UINT64_MAX, which is above every greatest deadline but itself, if it does not
+/// fit.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
     u64::try_from(count).unwrap_or(0).saturating_mul(unit)
 }
 
-/// Returns an instant from a reading of CLOCK_MONOTONIC or a similar clock: a struct timespec's seconds and
-/// nanoseconds. Returns 0 if the reading is negative, and UINT64_MAX if it does not fit.
+/// Returns an instant from a reading of CLOCK_MONOTONIC or a similar clock: a struct timespec's
+/// seconds and nanoseconds. Returns 0 if the reading is negative, and UINT64_MAX if it does not
+/// fit.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
@@ -70,18 +76,19 @@ pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
     })
 }
 
-/// Returns the number of bytes of storage that a capacity takes in this library, or 0 if the library does not
-/// hold it.
+/// Returns the number of bytes of storage that a capacity takes in this library, or 0 if the
+/// library does not hold it.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_bytes(capacity: u32) -> usize {
     storage::bytes(capacity)
 }
 
-/// Makes a machine in `storage`, which has `bytes` bytes, is aligned as a uint64_t, and belongs to the
-/// machine until fuseline_end.
+/// Makes a machine in `storage`, which has `bytes` bytes, is aligned as a uint64_t, and belongs to
+/// the machine until fuseline_end.
 ///
-/// The storage is not read, so a machine that is already there is lost. Nothing is written unless the call
-/// succeeds; then `*machine` is the argument of the other functions. The machine must stay where it is.
+/// The storage is not read, so a machine that is already there is lost. Nothing is written unless
+/// the call succeeds; then `*machine` is the argument of the other functions. The machine must stay
+/// where it is.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_init(
@@ -97,8 +104,8 @@ pub unsafe extern "C" fn fuseline_init(
     }
 }
 
-/// Ends a machine. Its storage is the caller's again, and further calls return FUSELINE_STATUS_FOREIGN.
-/// Messages that are open have no output.
+/// Ends a machine. Its storage is the caller's again, and further calls return
+/// FUSELINE_STATUS_FOREIGN. Messages that are open have no output.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
@@ -134,8 +141,8 @@ pub unsafe extern "C" fn fuseline_open_within(
     call!(machine, answer, open_within(now, t, deadline))
 }
 
-/// Asks whether message `t` may be sent to cloud `p`, which may take `deadline` nanoseconds (F2). `backlog`
-/// is the number of other requests in the cloud's outgoing queue.
+/// Asks whether message `t` may be sent to cloud `p`, which may take `deadline` nanoseconds (F2).
+/// `backlog` is the number of other requests in the cloud's outgoing queue.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_offer(
@@ -176,7 +183,8 @@ pub unsafe extern "C" fn fuseline_fail(
     call!(machine, answer, fail(now, t, p))
 }
 
-/// Lets time pass (F0). Call it at the next due instant; further calls are allowed at any time (P10).
+/// Lets time pass (F0). Call it at the next due instant; further calls are allowed at any time
+/// (P10).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_tick(
@@ -187,7 +195,8 @@ pub unsafe extern "C" fn fuseline_tick(
     call!(machine, answer, tick(now))
 }
 
-/// Writes the earliest instant at which a timer is due. Returns FUSELINE_STATUS_NONE if no timer is armed.
+/// Writes the earliest instant at which a timer is due. Returns FUSELINE_STATUS_NONE if no timer is
+/// armed.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
@@ -212,8 +221,8 @@ pub unsafe extern "C" fn fuseline_look_at(
     call!(machine, message, look_at(t))
 }
 
-/// Writes 1 if the last offer left the gate of cloud `p` shut, and otherwise 0. Returns FUSELINE_STATUS_NONE
-/// if there is no such cloud.
+/// Writes 1 if the last offer left the gate of cloud `p` shut, and otherwise 0. Returns
+/// FUSELINE_STATUS_NONE if there is no such cloud.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_gate_is_shut(

@@ -1,12 +1,13 @@
-//! Gives the inputs of `tests/cost/cost.c` to the machine from Rust. The difference is the cost of the C
-//! interface.
+//! Gives the inputs of `tests/cost/cost.c` to the machine from Rust. The difference is the cost of
+//! the C interface.
 #![expect(unsafe_code, reason = "exports a function to C")]
 
 use fuseline_core::{
     Cloud, Commit, Deadline, Fusion, Instant, Outcome, Priority, Ready, Timestamp,
 };
 
-/// Gives six inputs for each of `messages` messages. Returns the number of messages that were forwarded.
+/// Gives six inputs for each of `messages` messages. Returns the number of messages that were
+/// forwarded.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_cost_in_rust(messages: u64) -> u64 {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));

@@ -23,8 +23,8 @@ const BUSY: u32 = 1 << 31;
 #[repr(C)]
 #[derive(Debug)]
 pub(crate) struct StorageHeader {
-    /// The seal of the address at which the machine was made, so a copy of the bytes elsewhere is not a
-    /// machine.
+    /// The seal of the address at which the machine was made, so a copy of the bytes elsewhere is
+    /// not a machine.
     close: u64,
     /// The number of bytes of the storage.
     bytes: usize,
@@ -68,7 +68,8 @@ impl StorageHeader {
     /// Returns the head of a machine, if it is one and the answers are outside of it.
     ///
     /// # Safety
-    /// `machine` came from the kind's init, or may at least be read as a `K`, which begins with a head.
+    /// `machine` came from the kind's init, or may at least be read as a `K`, which begins with a
+    /// head.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
     pub(crate) unsafe fn of<'a, K: StorageKind>(
         machine: *mut K,
@@ -78,7 +79,8 @@ impl StorageHeader {
             answer.is?;
         }
         check(machine)?;
-        // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies beside it, not in it.
+        // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies
+        // beside it, not in it.
         let header = unsafe { &*machine.cast::<Self>() };
         if header.close != close::<K>(machine.addr()) {
             return Err(wrong(CStatus::Foreign));
@@ -111,8 +113,8 @@ impl StorageHeader {
         if self.idle_capacity() & BUSY == 0 { CStatus::Foreign } else { CStatus::Busy }
     }
 
-    /// Begins a call of an idle machine. A load and a store suffice against interruptions, because the whole
-    /// call of an interruption fits between the two.
+    /// Begins a call of an idle machine. A load and a store suffice against interruptions, because
+    /// the whole call of an interruption fits between the two.
     pub(crate) fn begin(&self, capacity: u32) {
         self.state.store(capacity | BUSY, Ordering::Relaxed);
         compiler_fence(Ordering::SeqCst);
@@ -150,7 +152,8 @@ pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
-/// Refuses a call in which two answers share a place, because the later one would overwrite the earlier.
+/// Refuses a call in which two answers share a place, because the later one would overwrite the
+/// earlier.
 #[cfg(feature = "threads")]
 pub(crate) fn apart(mut answers: &[AnswerTarget]) -> Result<(), CStatus> {
     while let [first, others @ ..] = answers {
@@ -162,16 +165,17 @@ pub(crate) fn apart(mut answers: &[AnswerTarget]) -> Result<(), CStatus> {
     Ok(())
 }
 
-/// Returns the status of a wrong call. It is not inlined, so that a correct call does not pay for it.
+/// Returns the status of a wrong call. It is not inlined, so that a correct call does not pay for
+/// it.
 #[cold]
 #[inline(never)]
 pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// Returns the configuration and the clouds that an init of either kind was given, if these, the storage and
-/// the place for the machine's pointer are valid. `needed` returns the bytes that a capacity takes, or 0 if
-/// the library does not hold it.
+/// Returns the configuration and the clouds that an init of either kind was given, if these, the
+/// storage and the place for the machine's pointer are valid. `needed` returns the bytes that a
+/// capacity takes, or 0 if the library does not hold it.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names.

@@ -25,7 +25,8 @@ pub use plain::{
 pub use shared_storage::CShared;
 pub use storage::CMachine;
 
-/// Refers to a function that does not exist, so a library in which a panic can be reached does not link.
+/// Refers to a function that does not exist, so a library in which a panic can be reached does not
+/// link.
 #[cfg(all(feature = "library", panic = "abort", not(test)))]
 #[panic_handler]
 fn no_panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -1,5 +1,5 @@
-//! The plain data of the interface. `include/fuseline.h` is generated from this file, and a test compares
-//! them.
+//! The plain data of the interface. `include/fuseline.h` is generated from this file, and a test
+//! compares them.
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 
 /// The version of this interface. A library refuses a header of another version.
@@ -26,11 +26,11 @@ pub const FUSELINE_SHARED_BYTES_A_CLOUD: usize = 128;
 pub enum CStatus {
     /// The input was applied, and the answer is its own.
     Done = 0,
-    /// Timers fired first (F5). The answer is theirs, and the input was not applied. Act on the answer, then
-    /// make the same call again.
+    /// Timers fired first (F5). The answer is theirs, and the input was not applied. Act on the
+    /// answer, then make the same call again.
     Again = 1,
-    /// There is nothing to report: no timer is armed, the timestamp is not open, or no cloud has this
-    /// priority.
+    /// There is nothing to report: no timer is armed, the timestamp is not open, or no cloud has
+    /// this priority.
     None = 2,
     /// A pointer is null.
     Null = 16,
@@ -67,8 +67,9 @@ pub enum CStatus {
     MessageId = 31,
 }
 
-/// The capacity of a machine: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A
-/// library may hold one more, that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
+/// The capacity of a machine: 65536 times the clouds, plus the open timestamps
+/// (FUSELINE_CAPACITY_OF). A library may hold one more, that of FUSELINE_OWN_CLOUDS and
+/// FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCapacity {
@@ -102,8 +103,8 @@ pub enum CCommit {
     Eager = 0,
     /// Forwards the best available result once nothing pending outranks it.
     Patient = 1,
-    /// Sends each result that is better than those before it at once: FUSELINE_OUTCOME_PRELIMINARY while
-    /// better ones may follow.
+    /// Sends each result that is better than those before it at once: FUSELINE_OUTCOME_PRELIMINARY
+    /// while better ones may follow.
     Progressive = 2,
 }
 
@@ -115,15 +116,15 @@ pub enum COutcome {
     Nothing = 0,
     /// Open: the timestamp is open and waits for local.
     Accepted = 1,
-    /// Open, offer: refused for the reason `why`. Nothing changed except, possibly, a gate. A refused request
-    /// must not be sent.
+    /// Open, offer: refused for the reason `why`. Nothing changed except, possibly, a gate. A
+    /// refused request must not be sent.
     Refused = 2,
     /// Offer: send the request. Its result is in time if it arrives before `due`.
     Admitted = 3,
     /// Result: keep its value, because a source that outranks it is pending.
     Held = 4,
-    /// Send the value of `by` downstream. The timestamp is retired: discard its other held values. The calls
-    /// of `cancelled` may be aborted.
+    /// Send the value of `by` downstream. The timestamp is retired: discard its other held values.
+    /// The calls of `cancelled` may be aborted.
     Forwarded = 5,
     /// Result, failure: dropped for the reason `why`. Nothing changed. Discard its value.
     Dropped = 6,
@@ -131,16 +132,17 @@ pub enum COutcome {
     Missed = 7,
     /// Failure, timers: the timestamp stays open.
     Waiting = 8,
-    /// Result, progressive only: send the value of `by` downstream. The calls of `cancelled` may be aborted.
-    /// The timestamp stays open for better values, until FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL
-    /// comes.
+    /// Result, progressive only: send the value of `by` downstream. The calls of `cancelled` may be
+    /// aborted. The timestamp stays open for better values, until FUSELINE_OUTCOME_FORWARDED or
+    /// FUSELINE_OUTCOME_FINAL comes.
     Preliminary = 9,
-    /// Failure, timers, progressive only: the value of `by`, sent before, was the last one. The timestamp is
-    /// retired, and there is nothing to send.
+    /// Failure, timers, progressive only: the value of `by`, sent before, was the last one. The
+    /// timestamp is retired, and there is nothing to send.
     Final = 10,
 }
 
-/// The reason why an input was refused or dropped: the first one that holds, in the order of SPEC.md.
+/// The reason why an input was refused or dropped: the first one that holds, in the order of
+/// SPEC.md.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CReason {
@@ -150,23 +152,23 @@ pub enum CReason {
     Order = 1,
     /// Open: the number of open timestamps has reached the window.
     Full = 2,
-    /// Open, offer: the due instant is not later than now, or the deadline is above the configuration's
-    /// greatest.
+    /// Open, offer: the due instant is not later than now, or the deadline is above the
+    /// configuration's greatest.
     Deadline = 3,
     /// No source has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown = 4,
     /// Offer: the timestamp is not open.
     Closed = 5,
-    /// The cloud was requested before; or the source's result is already held or, under progressive, was sent
-    /// last.
+    /// The cloud was requested before; or the source's result is already held or, under
+    /// progressive, was sent last.
     Duplicate = 6,
-    /// Offer: a held result or, under progressive, the last one sent outranks whatever this cloud would
-    /// return.
+    /// Offer: a held result or, under progressive, the last one sent outranks whatever this cloud
+    /// would return.
     Outranked = 7,
     /// Offer: the cloud's gate is shut.
     Queue = 8,
-    /// Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the
-    /// source's.
+    /// Result, failure: the timestamp is not open or, under progressive, the last result sent
+    /// outranks the source's.
     Superseded = 9,
     /// Result, failure: the source was not requested for this timestamp.
     Unsolicited = 10,
@@ -204,9 +206,9 @@ pub struct CConfig {
     pub clouds_len: u32,
     /// The clouds in any order. It may be null if there is none. It is not used after the call.
     pub clouds: *const CCloud,
-    /// The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait for a
-    /// message. A longer deadline is refused as FUSELINE_REASON_DEADLINE, and so is a negative one, which is
-    /// huge without its sign.
+    /// The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait
+    /// for a message. A longer deadline is refused as FUSELINE_REASON_DEADLINE, and so is a
+    /// negative one, which is huge without its sign.
     pub greatest_deadline: u64,
 }
 
@@ -281,8 +283,8 @@ pub struct CMessage {
     pub reserved: u32,
 }
 
-/// Identifies one open message of the machine for many threads that opened it. Another machine refuses it
-/// with FUSELINE_STATUS_MESSAGE_ID, and every machine refuses an id that is all 0.
+/// Identifies one open message of the machine for many threads that opened it. Another machine
+/// refuses it with FUSELINE_STATUS_MESSAGE_ID, and every machine refuses an id that is all 0.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CMessageId {
@@ -290,7 +292,8 @@ pub struct CMessageId {
     pub opaque: [u64; 3],
 }
 
-/// The header's FUSELINE_LAYOUT for the library's compiler: the sizes of the interface's structures.
+/// The header's FUSELINE_LAYOUT for the library's compiler: the sizes of the interface's
+/// structures.
 pub(crate) const LAYOUT: u32 = {
     let sizes = [
         size_of::<CConfig>(),

@@ -1,4 +1,5 @@
-//! The exported functions for the machine that many threads call without a lock (SPEC.md, section 8).
+//! The exported functions for the machine that many threads call without a lock (SPEC.md, section
+//! 8).
 //!
 //! As in `calls`, a wrong call is answered with a status and changes nothing.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
@@ -11,18 +12,19 @@ use crate::header::{StorageHeader, answer_target};
 use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
 use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
-/// Returns the number of bytes of storage, aligned to 64, that a machine for many threads takes in this
-/// library, or 0 if the library does not hold the capacity.
+/// Returns the number of bytes of storage, aligned to 64, that a machine for many threads takes in
+/// this library, or 0 if the library does not hold the capacity.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
     shared_storage::bytes(capacity)
 }
 
-/// Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64 bytes.
-/// Otherwise it works as fuseline_init.
+/// Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64
+/// bytes. Otherwise it works as fuseline_init.
 ///
-/// One thread at a time opens and offers. Any thread gives results, failures and time, each for one message
-/// id. Call no function of the machine before this one has returned, and none while or after it is ended.
+/// One thread at a time opens and offers. Any thread gives results, failures and time, each for one
+/// message id. Call no function of the machine before this one has returned, and none while or
+/// after it is ended.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_init(
@@ -51,8 +53,8 @@ pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     CStatus::Done
 }
 
-/// Opens timestamp `t` because a message with it arrived (F1). Only the owner may call this. If the message
-/// is accepted, `*message_id` identifies it; otherwise it identifies nothing.
+/// Opens timestamp `t` because a message with it arrived (F1). Only the owner may call this. If the
+/// message is accepted, `*message_id` identifies it; otherwise it identifies nothing.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open(
@@ -66,7 +68,8 @@ pub unsafe extern "C" fn fuseline_shared_open(
     unsafe { open(machine, (now, t, None), message_id, answer) }
 }
 
-/// Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1). Only the owner may call this.
+/// Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1). Only the owner may
+/// call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open_within(
@@ -81,9 +84,9 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
-/// Asks whether the message may be sent to cloud `p` (F2). Only the owner may call this. `fired` receives the
-/// timers of the message that were due first. In all functions with two answers, these must be two objects;
-/// one object for both is FUSELINE_STATUS_OVERLAP.
+/// Asks whether the message may be sent to cloud `p` (F2). Only the owner may call this. `fired`
+/// receives the timers of the message that were due first. In all functions with two answers, these
+/// must be two objects; one object for both is FUSELINE_STATUS_OVERLAP.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_offer(
@@ -114,9 +117,10 @@ pub unsafe extern "C" fn fuseline_shared_offer(
         .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
-/// Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's timers
-/// that were due by `now`, with several due instants as one firing. Of all callers exactly one gets
-/// FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one caller gets each output, and one gets the end.
+/// Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's
+/// timers that were due by `now`, with several due instants as one firing. Of all callers exactly
+/// one gets FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one caller gets each output, and
+/// one gets the end.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_result(
@@ -160,8 +164,8 @@ pub unsafe extern "C" fn fuseline_shared_expire(
     unsafe { bring(machine, now, message_id, InputKind::Time, fired, answer) }
 }
 
-/// Writes the next due instant of this message's timers. Returns FUSELINE_STATUS_NONE if none is armed. Any
-/// thread may call this.
+/// Writes the next due instant of this message's timers. Returns FUSELINE_STATUS_NONE if none is
+/// armed. Any thread may call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_next_due(
@@ -177,7 +181,8 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
     };
     match due_instant.and_then(|due_instant| due_instant) {
         Ok(Some(due_instant)) => {
-            // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
+            // SAFETY: not null, aligned, outside the machine, and the header requires that it may
+            // be written.
             unsafe { due.write(due_instant) };
             CStatus::Done
         }
@@ -211,7 +216,8 @@ unsafe fn open(
         }
         Err(status) => return status,
     };
-    // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
+    // SAFETY: not null, aligned, outside the machine, and the header requires that it may be
+    // written.
     unsafe { message_id.write(id) };
     // SAFETY: as above.
     unsafe { answer.write(answer_list) };

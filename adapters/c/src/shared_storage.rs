@@ -1,8 +1,9 @@
 //! A machine for many threads in its caller's storage. This module makes it, and passes calls to
 //! its two halves.
 //!
-//! The owner's half refuses a second call at the same time; the shared handle takes any number. A message id
-//! that crosses the interface is tied to its machine, so that another machine refuses it.
+//! The owner's half refuses a second call at the same time; the shared handle takes any number. A
+//! message id that crosses the interface is tied to its machine, so that another machine refuses
+//! it.
 #![expect(unsafe_code, reason = "reads and writes its caller's storage")]
 
 use core::ffi::c_void;
@@ -138,8 +139,8 @@ impl AnswerList {
     }
 }
 
-/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that the machine
-/// may change.
+/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that
+/// the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
     // Timestamps share no cache lines.
     let a_timestamp = clouds.wrapping_mul(8).wrapping_add(24).next_multiple_of(64);
@@ -157,15 +158,16 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     /// Writes a machine into the storage.
     ///
     /// # Safety
-    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else
-    /// until the machine is ended.
+    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to
+    /// nobody else until the machine is ended.
     unsafe fn fill(storage: *mut Self, created: Shared<CLOUDS, WINDOW>, config: &CConfig) {
         const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
         let shared = unsafe { addr_of_mut!((*storage).shared) };
         // SAFETY: as above.
         unsafe { shared.write(created) };
-        // SAFETY: written just now; from here on it is used through its two halves alone, while the storage is there.
+        // SAFETY: written just now; from here on it is used through its two halves alone, while the
+        // storage is there.
         let (owner, handle) = unsafe { &mut *shared }.split();
         // SAFETY: within the storage.
         let target = unsafe { addr_of_mut!((*storage).owner) };
@@ -183,7 +185,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     }
 }
 
-/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not
+/// hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = SharedStorage => size_of::<R>(), else 0)
 }
@@ -213,7 +216,8 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// Runs `call` with the shared handle, if there is a machine and the answers are outside of it and apart.
+/// Runs `call` with the shared handle, if there is a machine and the answers are outside of it and
+/// apart.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -226,12 +230,14 @@ pub(crate) unsafe fn handle<A>(
     let header = unsafe { StorageHeader::of(machine, answers) }?;
     apart(answers)?;
     with_room!(header.capacity(), R = SharedStorage => {
-        // SAFETY: the seal says that a storage of this capacity was written here. The shared handle takes calls of any threads.
+        // SAFETY: the seal says that a storage of this capacity was written here. The shared handle
+        // takes calls of any threads.
         Ok(call(unsafe { (*machine.cast::<R>()).handle }))
     }, else Err(CStatus::Foreign))
 }
 
-/// Runs `call` with the owner's half, unless another call of it is under way or two answers share bytes.
+/// Runs `call` with the owner's half, unless another call of it is under way or two answers share
+/// bytes.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -254,15 +260,15 @@ pub(crate) unsafe fn owner<A>(
     answer_list
 }
 
-// A message id crosses the interface as three integers, the last of which is its index. It has no padding
-// where addresses have 64 bits.
+// A message id crosses the interface as three integers, the last of which is its index. It has no
+// padding where addresses have 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
 /// The message id that is written if no message was opened.
 pub(crate) const NO_TICKET: CMessageId = CMessageId { opaque: [0; 3] };
 
-/// Returns the caller's form of a message id, in which the index is combined with the address of its machine
-/// and counts from 1.
+/// Returns the caller's form of a message id, in which the index is combined with the address of
+/// its machine and counts from 1.
 pub(crate) fn plain(machine: *mut CShared, message_id: MessageId) -> CMessageId {
     // SAFETY: as for `named`; no byte of it is padding.
     let [timestamp, generation, index] = unsafe { transmute::<MessageId, [u64; 3]>(message_id) };
@@ -276,15 +282,17 @@ pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<Mes
     if index >= PLACES.wrapping_sub(1) {
         return Err(wrong(CStatus::MessageId));
     }
-    // SAFETY: a message id is three integers of 64 bits, any of which are a message id. The sizes are compared when compiled.
+    // SAFETY: a message id is three integers of 64 bits, any of which are a message id. The sizes
+    // are compared when compiled.
     Ok(unsafe { transmute::<[u64; 3], MessageId>([timestamp, generation, index]) })
 }
 
 /// A number greater than the slots of any machine.
 const PLACES: u64 = 2048;
 
-/// Returns the number that stands for a machine's first index. It is not 0, and it is far from any other
-/// machine's number, because each machine is aligned to 64 bytes and no address uses its upper 5 bits.
+/// Returns the number that stands for a machine's first index. It is not 0, and it is far from any
+/// other machine's number, because each machine is aligned to 64 bytes and no address uses its
+/// upper 5 bits.
 fn first_index(machine: *mut CShared) -> u64 {
     (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)
 }

@@ -49,8 +49,8 @@ pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_W
 #[cfg(not(feature = "capacity-own"))]
 pub(crate) const OWN_CAPACITY: u32 = 0;
 
-/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that the machine
-/// may change.
+/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that
+/// the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
     let a_timestamp =
         FUSELINE_BYTES_A_TIMER.wrapping_mul(clouds).wrapping_add(FUSELINE_BYTES_A_TIMESTAMP);
@@ -59,8 +59,8 @@ const fn reserved(clouds: usize, window: usize) -> usize {
         .wrapping_add(window.wrapping_mul(a_timestamp))
 }
 
-/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or returns `$otherwise` if the library
-/// does not hold it.
+/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or returns `$otherwise` if the
+/// library does not hold it.
 macro_rules! with_room {
     ($number:expr, $Storage:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
         match $number {
@@ -105,15 +105,16 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
     /// Writes a machine into the storage.
     ///
     /// # Safety
-    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else.
+    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to
+    /// nobody else.
     #[expect(unsafe_code, reason = "writes to the caller's storage")]
     unsafe fn fill(storage: *mut Self, config: &CConfig, clouds: &[Cloud]) -> Result<(), CStatus> {
         const { Self::FITS };
         let (window, commit) = rule(config);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         let header = CMachine { header: StorageHeader::new::<CMachine, Self>(storage, config) };
-        // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
-        // dropped.
+        // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that
+        // would have to be dropped.
         unsafe { storage.write(Self { header, fusion: UnsafeCell::new(fusion) }) };
         Ok(())
     }
@@ -124,16 +125,16 @@ pub(crate) struct IdleStorage<'a, const CLOUDS: usize, const WINDOW: usize>(
     &'a Storage<CLOUDS, WINDOW>,
 );
 
-// The inputs are not inlined, so that each exists once for each capacity, with the arguments where the caller
-// put them.
+// The inputs are not inlined, so that each exists once for each capacity, with the arguments where
+// the caller put them.
 impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
     const CAPACITY: u32 = capacity_of(CLOUDS, WINDOW);
     /// A number beyond 16 bits cannot be registered, so it is unknown (F3, F4, A18).
     const UNKNOWN: Outcome<CLOUDS> = Outcome::Dropped(DropReason::Unknown);
 
     /// # Safety
-    /// A storage of this capacity was written here, no call is under way, and no other thread calls at the
-    /// same time.
+    /// A storage of this capacity was written here, no call is under way, and no other thread calls
+    /// at the same time.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
     pub(crate) unsafe fn new(storage: *mut Storage<CLOUDS, WINDOW>) -> Self {
         // SAFETY: by the caller's promise.
@@ -264,7 +265,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
     ) -> CStatus {
         let header = &self.0.header.header;
         header.begin(Self::CAPACITY);
-        // SAFETY: no other call uses it, by the promise of `new`, and from now on `header` says that one does.
+        // SAFETY: no other call uses it, by the promise of `new`, and from now on `header` says
+        // that one does.
         let status = call(unsafe { &mut *self.0.fusion.get() }, header);
         header.done(Self::CAPACITY);
         status
@@ -301,7 +303,8 @@ fn fire_or<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not
+/// hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = Storage => size_of::<R>(), else 0)
 }
@@ -309,8 +312,8 @@ pub(crate) const fn bytes(capacity: u32) -> usize {
 /// Makes a machine and writes its address. Nothing is written unless everything is valid.
 ///
 /// # Safety
-/// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written and
-/// belong to nobody else; `machine` may be written.
+/// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written
+/// and belong to nobody else; `machine` may be written.
 #[expect(unsafe_code, reason = "reads the caller's configuration and writes to its storage")]
 pub(crate) unsafe fn make(
     storage: *mut c_void,
@@ -334,8 +337,8 @@ pub(crate) unsafe fn make(
 /// Ends a machine: from now on it is foreign.
 ///
 /// # Safety
-/// `machine` came from [`make`], or may at least be read as a [`CMachine`]; no other call comes at the same
-/// time.
+/// `machine` came from [`make`], or may at least be read as a [`CMachine`]; no other call comes at
+/// the same time.
 #[expect(unsafe_code, reason = "reads and writes the caller's storage")]
 pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     // SAFETY: as the caller promised.

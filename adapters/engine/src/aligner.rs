@@ -1,8 +1,8 @@
-//! Joins messages of several inputs that come from one origin. A set is given when it is complete or due (E5,
-//! E6).
+//! Joins messages of several inputs that come from one origin. A set is given when it is complete
+//! or due (E5, E6).
 //!
-//! This module has no clock and no queue. The adapter reports what arrived and when, and asks for what is
-//! due.
+//! This module has no clock and no queue. The adapter reports what arrived and when, and asks for
+//! what is due.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -46,10 +46,11 @@ pub struct Aligner<S> {
 pub struct JoinBounds {
     /// The time that a set waits after its first message.
     pub wait: Duration,
-    /// The greatest number of sets that may wait, at least 1. If another set begins, the oldest is given
-    /// incomplete.
+    /// The greatest number of sets that may wait, at least 1. If another set begins, the oldest is
+    /// given incomplete.
     pub window: usize,
-    /// The part of an end-to-end deadline that must be left for the operators downstream when a set is given.
+    /// The part of an end-to-end deadline that must be left for the operators downstream when a set
+    /// is given.
     pub reserve: Duration,
 }
 
@@ -58,11 +59,11 @@ pub struct JoinBounds {
 pub struct LatestInput {
     /// The input's name.
     pub name: Arc<str>,
-    /// The greatest age at which a message is used. It counts from the message's capture, or from its arrival
-    /// if the capture is unknown.
+    /// The greatest age at which a message is used. It counts from the message's capture, or from
+    /// its arrival if the capture is unknown.
     pub max_age: Duration,
-    /// `true` if sets belong to the messages of this input. Then their lineages have the origin and the
-    /// capture of its message, if one is present, and the due instant of the aligned inputs.
+    /// `true` if sets belong to the messages of this input. Then their lineages have the origin and
+    /// the capture of its message, if one is present, and the due instant of the aligned inputs.
     pub is_origin: bool,
 }
 
@@ -77,9 +78,9 @@ pub struct Joined<S> {
     pub missing: Vec<Arc<str>>,
     /// The reason why the set was given.
     pub cause: JoinCause,
-    /// The lineage of the first aligned input that is present, with the oldest capture and the earliest
-    /// end-to-end deadline of all. If one capture is unknown, the set's capture is unknown. See also
-    /// [`LatestInput::is_origin`].
+    /// The lineage of the first aligned input that is present, with the oldest capture and the
+    /// earliest end-to-end deadline of all. If one capture is unknown, the set's capture is
+    /// unknown. See also [`LatestInput::is_origin`].
     pub lineage: Option<Arc<Lineage>>,
 }
 
@@ -163,8 +164,8 @@ struct OpenSet<S> {
     last: BTreeSet<usize>,
 }
 
-/// The keys of the sets that were given: the last [`REMEMBERED`], and all up to the greatest that was
-/// forgotten.
+/// The keys of the sets that were given: the last [`REMEMBERED`], and all up to the greatest that
+/// was forgotten.
 #[derive(Default)]
 struct GivenKeys {
     keys: BTreeSet<u64>,
@@ -189,7 +190,8 @@ impl<S: Default> Aligner<S> {
         self
     }
 
-    /// Adds a message to its set by calling `put`. A revision replaces what its input put there before.
+    /// Adds a message to its set by calling `put`. A revision replaces what its input put there
+    /// before.
     ///
     /// # Errors
     /// Returns the reason why the message was dropped. `put` was not called then.
@@ -214,7 +216,8 @@ impl<S: Default> Aligner<S> {
         if open.last.contains(&input) {
             return Err(JoinDropReason::Duplicate);
         }
-        // A set is given while its end-to-end deadline leaves enough for the operators downstream (E5).
+        // A set is given while its end-to-end deadline leaves enough for the operators downstream
+        // (E5).
         if let Some(due) = lineage.and_then(|lineage| lineage.due(now)) {
             let due = due.checked_sub(self.bounds.reserve).unwrap_or(now);
             open.due = open.due.min(due);
@@ -229,8 +232,8 @@ impl<S: Default> Aligner<S> {
         Ok(())
     }
 
-    /// Replaces the latest message of an input of [`with_latest`](Self::with_latest), by its index there.
-    /// `put` is called with each set that gets the message.
+    /// Replaces the latest message of an input of [`with_latest`](Self::with_latest), by its index
+    /// there. `put` is called with each set that gets the message.
     pub fn set_latest(
         &mut self,
         now: impl Into<Instant>,
@@ -254,7 +257,8 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Sets the part of end-to-end deadlines to leave for the operators downstream, for messages from now on.
+    /// Sets the part of end-to-end deadlines to leave for the operators downstream, for messages
+    /// from now on.
     pub const fn set_reserve(&mut self, reserve: Duration) {
         self.bounds.reserve = reserve;
     }
@@ -268,7 +272,8 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Returns the next set that is to be given, or `None`. It has the latest messages that are fresh now.
+    /// Returns the next set that is to be given, or `None`. It has the latest messages that are
+    /// fresh now.
     pub fn next_set(&mut self, now: impl Into<Instant>) -> Option<Joined<S>> {
         let mut joined = self.ready.pop_front()?;
         let (now, mut origin) = (now.into(), None);
@@ -361,8 +366,8 @@ impl GivenKeys {
 }
 
 impl Lineage {
-    /// Returns the instant at which the end-to-end deadline ends, if there is one. It counts from `now` if
-    /// the capture is unknown.
+    /// Returns the instant at which the end-to-end deadline ends, if there is one. It counts from
+    /// `now` if the capture is unknown.
     #[must_use]
     pub fn due(&self, now: impl Into<Instant>) -> Option<Instant> {
         self.captured.unwrap_or_else(|| now.into()).checked_add(self.within?)
@@ -384,11 +389,11 @@ impl Lineage {
         Some(Arc::new(joined))
     }
 
-    /// Returns the lineage of a set as it is given. `joined` is its lineage so far, and `missing` names the
-    /// inputs that it lacks.
+    /// Returns the lineage of a set as it is given. `joined` is its lineage so far, and `missing`
+    /// names the inputs that it lacks.
     ///
-    /// If the set belongs to a message of a latest-value input, it has that message's origin and capture, and
-    /// its due instant stays the same.
+    /// If the set belongs to a message of a latest-value input, it has that message's origin and
+    /// capture, and its due instant stays the same.
     fn of_set(
         joined: Option<Arc<Self>>,
         missing: &[Arc<str>],

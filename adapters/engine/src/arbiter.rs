@@ -1,7 +1,8 @@
 //! Connects the state machine to the trace format.
 //!
-//! It applies one input, answers in the core's own types, and converts the answer to lines of a trace. It decides
-//! nothing itself. Nothing else translates the core's answers and reasons to those of `fuseline-traces`.
+//! It applies one input, answers in the core's own types, and converts the answer to lines of a
+//! trace. It decides nothing itself. Nothing else translates the core's answers and reasons to
+//! those of `fuseline-traces`.
 //!
 //! ```rust
 //! use fuseline_engine::arbiter::{Answer, Arbiter};
@@ -42,15 +43,15 @@ pub const CLOUDS: usize = 15;
 
 /// Runs one operator's machine: takes the numbers of a trace and answers in the core's types.
 ///
-/// Timestamps, priorities and instants are plain numbers here because any number is a legal input (A18), even
-/// a priority that no cloud can have. Instants and durations are in nanoseconds. The default capacities
-/// suffice for any [`Header`]. Two arbiters are equal if their machines are.
+/// Timestamps, priorities and instants are plain numbers here because any number is a legal input
+/// (A18), even a priority that no cloud can have. Instants and durations are in nanoseconds. The
+/// default capacities suffice for any [`Header`]. Two arbiters are equal if their machines are.
 ///
 /// - constructor: [`new`](Self::new)
-/// - inputs: [`apply`](Self::apply) answers in the core's types, [`decide`](Self::decide) in decisions of a
-///   trace
-/// - queries: [`next_due`](Self::next_due), [`now`](Self::now), [`offer_refusal`](Self::offer_refusal),
-///   [`fusion`](Self::fusion)
+/// - inputs: [`apply`](Self::apply) answers in the core's types, [`decide`](Self::decide) in
+///   decisions of a trace
+/// - queries: [`next_due`](Self::next_due), [`now`](Self::now),
+///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
     /// The machine is boxed because the largest takes 178 KiB.
@@ -79,7 +80,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
 
     /// Applies an input and returns its answer.
     ///
-    /// First passes each firing that is due to `fired`, with the instant in ns at which it is served (F5).
+    /// First passes each firing that is due to `fired`, with the instant in ns at which it is
+    /// served (F5).
     pub fn apply(
         &mut self,
         input: &Input,
@@ -129,8 +131,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         answer.decisions(self.fusion.commit(), self.now(), decide);
     }
 
-    /// Returns the earliest instant, in ns, at which a timer is due, or `None` if no timer is armed. Tick
-    /// then.
+    /// Returns the earliest instant, in ns, at which a timer is due, or `None` if no timer is
+    /// armed. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.fusion.next_due().map(Instant::as_nanos)
@@ -142,11 +144,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         self.fusion.now().as_nanos()
     }
 
-    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted (F2). Changes
-    /// nothing.
+    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted
+    /// (F2). Changes nothing.
     ///
-    /// `deadline` is in ns. Timers that are due after [`now`](Self::now) have not fired; to fire them,
-    /// [`apply`](Self::apply) an [`Input::Tick`] first.
+    /// `deadline` is in ns. Timers that are due after [`now`](Self::now) have not fired; to fire
+    /// them, [`apply`](Self::apply) an [`Input::Tick`] first.
     #[must_use]
     pub fn offer_refusal(
         &self,

@@ -20,16 +20,16 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Returns a budget that is due at `due`, on a clock in nanoseconds, and keeps `reserve` for the
-    /// operators downstream.
+    /// Returns a budget that is due at `due`, on a clock in nanoseconds, and keeps `reserve` for
+    /// the operators downstream.
     #[must_use]
     pub fn ending_at(due: u64, reserve: Reserve) -> Self {
         let [on_board, with_clouds] = [reserve.on_board(), reserve.with_clouds()].map(nanos);
         Self { due, on_board, with_clouds, age: 0 }
     }
 
-    /// Returns the budget of a message that is accepted at `now`, which is `instant`, or `None` if it has no
-    /// end-to-end deadline.
+    /// Returns the budget of a message that is accepted at `now`, which is `instant`, or `None` if
+    /// it has no end-to-end deadline.
     pub(crate) fn new(
         lineage: &Lineage,
         (now, instant): (u64, Option<Instant>),
@@ -41,25 +41,27 @@ impl Budget {
         Some(Self { age, ..Self::ending_at(due, reserve) })
     }
 
-    /// Returns how long a request that is made at `at` may take. It ends while the operators downstream still
-    /// have time for their clouds.
+    /// Returns how long a request that is made at `at` may take. It ends while the operators
+    /// downstream still have time for their clouds.
     #[must_use]
     pub fn for_cloud(&self, at: u64) -> Duration {
         Duration::from_nanos(self.due.saturating_sub(self.with_clouds).saturating_sub(at))
     }
 
-    /// Returns how long local may take from `at`, at least 1 ns because a deadline of 0 is refused (E2, F1).
+    /// Returns how long local may take from `at`, at least 1 ns because a deadline of 0 is refused
+    /// (E2, F1).
     ///
-    /// With a substitute, local ends while the operators downstream still have time to compute on board. It
-    /// keeps no time for their clouds (E11). Without a substitute an earlier end gains nothing.
+    /// With a substitute, local ends while the operators downstream still have time to compute on
+    /// board. It keeps no time for their clouds (E11). Without a substitute an earlier end gains
+    /// nothing.
     #[must_use]
     pub fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
         let reserve = if has_substitute { self.on_board } else { 0 };
         Duration::from_nanos(self.due.saturating_sub(reserve).saturating_sub(at).max(1))
     }
 
-    /// Returns the part of the end-to-end deadline that no request of this operator can use: the message's
-    /// age and the reserve.
+    /// Returns the part of the end-to-end deadline that no request of this operator can use: the
+    /// message's age and the reserve.
     pub(crate) const fn spent(&self) -> u64 {
         self.age.saturating_add(self.with_clouds)
     }

@@ -26,23 +26,23 @@ pub struct EngineConfig {
     pub clouds: Vec<CloudConfig>,
     /// The computations that local takes.
     pub local: Local,
-    /// The greatest delay of a timer, and the longest time that a handler may run without a pause, that is
-    /// not counted and logged as a warning; 20 ms by default.
+    /// The greatest delay of a timer, and the longest time that a handler may run without a pause,
+    /// that is not counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline of an offer; unbounded by default. A longer offer is refused as `deadline`. If a
-    /// policy chooses the deadline, this is the greatest that it may choose.
+    /// The longest deadline of an offer; unbounded by default. A longer offer is refused as
+    /// `deadline`. If a policy chooses the deadline, this is the greatest that it may choose.
     pub greatest_deadline: Duration,
-    /// `true` if the adapter has a [substitute](crate::Item::substitute) for messages that are missed (E4).
-    /// Such messages are missed early enough for the operators downstream.
+    /// `true` if the adapter has a [substitute](crate::Item::substitute) for messages that are
+    /// missed (E4). Such messages are missed early enough for the operators downstream.
     pub has_substitutes: bool,
-    /// `true` to return results that came too late as [hints](crate::Effect::Hint), if their message is among
-    /// the last 1024.
+    /// `true` to return results that came too late as [hints](crate::Effect::Hint), if their
+    /// message is among the last 1024.
     pub takes_hints: bool,
-    /// `true` if messages' ages come from a clock that may step (D13). They are then recorded, but end-to-end
-    /// deadlines count from when a message is accepted.
+    /// `true` if messages' ages come from a clock that may step (D13). They are then recorded, but
+    /// end-to-end deadlines count from when a message is accepted.
     pub has_doubtful_ages: bool,
-    /// Records how long local's computations and messages take, for the reserve of the operators upstream. By
-    /// default nothing is recorded. Refused messages never are.
+    /// Records how long local's computations and messages take, for the reserve of the operators
+    /// upstream. By default nothing is recorded. Refused messages never are.
     pub latency: Option<Latency>,
     /// The rate of messages that the operator must keep up with. By default it is not checked.
     pub workload: Option<Workload>,
@@ -54,29 +54,30 @@ pub struct CloudConfig {
     pub priority: u16,
     /// The name for people, traces and metrics; `cloud-` and the priority by default.
     pub name: String,
-    /// The number of requests waiting to be sent at which the gate shuts (F2g); at least 1. The default is
-    /// [`calls`](Self::calls): results of requests that wait come no earlier than those of the next calls
-    /// (A15).
+    /// The number of requests waiting to be sent at which the gate shuts (F2g); at least 1. The
+    /// default is [`calls`](Self::calls): results of requests that wait come no earlier than those
+    /// of the next calls (A15).
     pub limit: Option<u64>,
-    /// The number of waiting requests at or below which the shut gate opens; less than `limit`, 0 by default.
+    /// The number of waiting requests at or below which the shut gate opens; less than `limit`, 0
+    /// by default.
     pub resume: u64,
     /// The greatest number of calls under way; at least 1, 8 by default. Further requests wait.
     pub calls: usize,
-    /// Chooses how long each request may take, at most what the message handler says, and learns how each
-    /// ended. By default there is none, and the message handler alone decides.
+    /// Chooses how long each request may take, at most what the message handler says, and learns
+    /// how each ended. By default there is none, and the message handler alone decides.
     ///
-    /// An abandoned request is reported as censored, even if it never left the queue. Ages count from when
-    /// the message was accepted. The policy is called in the operator's task and must not block. If it
-    /// panics, no request is made.
+    /// An abandoned request is reported as censored, even if it never left the queue. Ages count
+    /// from when the message was accepted. The policy is called in the operator's task and must not
+    /// block. If it panics, no request is made.
     pub policy: Option<Box<dyn Policy + Send>>,
-    /// The time that a call may run on after its due instant, so that `policy` learns how long it really takes; 0 by
-    /// default. A result that comes then is still dropped (F3).
+    /// The time that a call may run on after its due instant, so that `policy` learns how long it
+    /// really takes; 0 by default. A result that comes then is still dropped (F3).
     ///
-    /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the
-    /// oldest.
+    /// Such calls do not count among those under way. Up to `calls` of them may linger; one more
+    /// ends the oldest.
     pub linger: Duration,
-    /// A value may be of at most this many messages before its own, as its reply says; 0 by default. An older
-    /// value, or a value of a later message, is a failure (D2, F4).
+    /// A value may be of at most this many messages before its own, as its reply says; 0 by
+    /// default. An older value, or a value of a later message, is a failure (D2, F4).
     pub max_age: u64,
 }
 
@@ -85,13 +86,14 @@ pub struct CloudConfig {
 pub enum EngineConfigError {
     /// No machine has this window and these clouds.
     Machine(ConfigError),
-    /// A policy's promise assumes one output for each message, but under progressive there may be more.
+    /// A policy's promise assumes one output for each message, but under progressive there may be
+    /// more.
     OneOutput {
         /// The cloud's name.
         cloud: String,
     },
-    /// A policy neither probes nor sees calls that linger, so it would never again wait for a cloud that was
-    /// gone.
+    /// A policy neither probes nor sees calls that linger, so it would never again wait for a cloud
+    /// that was gone.
     Linger {
         /// The cloud's name.
         cloud: String,
@@ -125,8 +127,8 @@ impl EngineConfig {
     /// Checks the configuration, as [`Engine::new`](crate::Engine::new) does.
     ///
     /// # Errors
-    /// Returns an [`EngineConfigError`] if no machine has this configuration, a policy's promise would not
-    /// hold, or the operator could not keep up.
+    /// Returns an [`EngineConfigError`] if no machine has this configuration, a policy's promise
+    /// would not hold, or the operator could not keep up.
     pub fn check(&self) -> Result<(), EngineConfigError> {
         self.machine().map(drop)
     }

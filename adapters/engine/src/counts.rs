@@ -1,5 +1,5 @@
-//! The counts of an operator. The engine writes them, anyone may read them, and each goes to a meter of the `metrics`
-//! facade too (D11).
+//! The counts of an operator. The engine writes them, anyone may read them, and each goes to a
+//! meter of the `metrics` facade too (D11).
 
 use std::array;
 use std::collections::BTreeMap;
@@ -20,8 +20,8 @@ use crate::tally::{CurrentDeadline, SourceTally, Tally};
 
 /// The counts and meters of one operator.
 ///
-/// Each count is a word of its own, so a tally that is read during an input may show one of its counts and
-/// not the next. Data that seldom changes and is not a number is behind a lock.
+/// Each count is a word of its own, so a tally that is read during an input may show one of its
+/// counts and not the next. Data that seldom changes and is not a number is behind a lock.
 // The fields that most messages count come first.
 #[repr(C)]
 pub(crate) struct Counts {
@@ -38,8 +38,8 @@ pub(crate) struct Counts {
     recording_error: Mutex<Option<Arc<str>>>,
 }
 
-/// The counts and meters of one source. Those that most messages count come first, in few cache lines: with
-/// thousands of operators, none of them is in the cache.
+/// The counts and meters of one source. Those that most messages count come first, in few cache
+/// lines: with thousands of operators, none of them is in the cache.
 #[repr(C, align(64))]
 pub(crate) struct SourceCounts {
     /// Indexed by [`CountedEvent::index`].
@@ -95,7 +95,8 @@ pub(crate) enum CountedEvent {
 pub struct Counting(Arc<Counts>);
 
 impl Counts {
-    /// Registers with the recorder that is installed now. Without one, metering costs next to nothing.
+    /// Registers with the recorder that is installed now. Without one, metering costs next to
+    /// nothing.
     pub(crate) fn new(operator: &str, sources: &[Source], lag_warning: Duration) -> Self {
         let name = || operator.to_owned();
         let refused = |why: OpenRefusal| counter!("fuseline_refused_messages_total", "operator" => name(), "why" => why.as_str());
@@ -201,8 +202,8 @@ impl Counting {
         self.0.tally()
     }
 
-    /// Counts a failure of a message handler of cloud `p`, or of one of the operator's own handlers if `p` is
-    /// `None`.
+    /// Counts a failure of a message handler of cloud `p`, or of one of the operator's own handlers
+    /// if `p` is `None`.
     pub fn handler_failed(&self, p: Option<u16>) {
         match p.and_then(|p| self.0.index(p)) {
             Some(index) => self.0.source(index, CountedEvent::HandlerFailed),
@@ -210,9 +211,9 @@ impl Counting {
         }
     }
 
-    /// Counts a handler that ran longer than the [lag warning](crate::EngineConfig::lag_warning) allows, and
-    /// logs it now and then. `p` is the source that the handler belongs to, or `None` for a handler of the
-    /// operator.
+    /// Counts a handler that ran longer than the [lag warning](crate::EngineConfig::lag_warning)
+    /// allows, and logs it now and then. `p` is the source that the handler belongs to, or `None`
+    /// for a handler of the operator.
     pub fn check_handler_time(&self, p: Option<u16>, lasted: Duration) {
         if !self.0.lag.is_too_long(lasted) {
             return;
@@ -389,8 +390,8 @@ impl Count {
         Self(AtomicU64::new(0), counter)
     }
 
-    /// Adds to a count that only the engine changes, one input after the other, so no other addition can
-    /// interfere.
+    /// Adds to a count that only the engine changes, one input after the other, so no other
+    /// addition can interfere.
     fn add(&self, count: u64) {
         self.0.store(self.read().wrapping_add(count), Ordering::Relaxed);
         self.1.increment(count);

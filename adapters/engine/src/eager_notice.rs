@@ -19,8 +19,8 @@ impl EagerNotice {
         Self { is_over, t: None, admitted: Vec::new() }
     }
 
-    /// Notes a request. Returns the lower and the better cloud the first time that the lower one's timer is
-    /// earlier.
+    /// Notes a request. Returns the lower and the better cloud the first time that the lower one's
+    /// timer is earlier.
     pub(crate) fn admitted(&mut self, t: u64, p: u16, due: u64) -> Option<(u16, u16)> {
         if self.is_over {
             return None;

@@ -23,16 +23,17 @@ pub enum Effect<V, R> {
         /// The request that the message handler offered.
         request: R,
     },
-    /// End the call: neither its result (F5, F7) nor its duration is needed any more. It is never local's.
+    /// End the call: neither its result (F5, F7) nor its duration is needed any more. It is never
+    /// local's.
     Abort {
         /// The cloud's priority.
         priority: u16,
         /// The message's timestamp.
         timestamp: u64,
     },
-    /// Start another worker for local. This computation has run for longer than its message's deadline, and
-    /// another one takes its place. Its result, if it comes, counts like any other, but its worker is not
-    /// used again.
+    /// Start another worker for local. This computation has run for longer than its message's
+    /// deadline, and another one takes its place. Its result, if it comes, counts like any other,
+    /// but its worker is not used again.
     Replace {
         /// The message's timestamp.
         timestamp: u64,
@@ -61,8 +62,8 @@ pub struct Hint<V> {
 pub struct Offer<R> {
     /// The cloud's priority.
     pub priority: u16,
-    /// The time that the cloud may take. If the cloud has a policy, this is the greatest deadline that the policy may
-    /// choose.
+    /// The time that the cloud may take. If the cloud has a policy, this is the greatest deadline
+    /// that the policy may choose.
     pub deadline: Duration,
     /// The request.
     pub request: R,
@@ -83,26 +84,27 @@ pub enum Overflow {
 pub struct Local {
     /// The number of computations that run at once; at least one does.
     pub at_once: usize,
-    /// The number of computations that may wait; by default as many as the window holds. Beyond that one is
-    /// [discarded](Self::overflow), and local fails for its message (F4).
+    /// The number of computations that may wait; by default as many as the window holds. Beyond
+    /// that one is [discarded](Self::overflow), and local fails for its message (F4).
     pub waiting: Option<usize>,
     /// The computation that is discarded; by default the oldest.
     pub overflow: Overflow,
     /// The number of computations that have not ended and may be replaced. Each is replaced by an
-    /// [`Effect::Replace`] once it has run for longer than its message's deadline. By default none is,
-    /// because local may keep state.
+    /// [`Effect::Replace`] once it has run for longer than its message's deadline. By default none
+    /// is, because local may keep state.
     pub replaceable: usize,
     /// `true` to skip a waiting computation once its message has its output.
     pub skip_answered: bool,
     /// `true` if a result can be lost on the way, as over topics (D13).
     ///
-    /// Then a computation without a result or failure within its message's deadline counts as lost, and
-    /// another may run instead, whether its message is open or not. If its result comes after all, the rules
-    /// decide about it as about any other. A computation without a deadline is awaited.
+    /// Then a computation without a result or failure within its message's deadline counts as lost,
+    /// and another may run instead, whether its message is open or not. If its result comes after
+    /// all, the rules decide about it as about any other. A computation without a deadline is
+    /// awaited.
     ///
     /// If `false`, a computation occupies its place until it ends, unless it may be
-    /// [replaced](Self::replaceable). One that runs longer than its message's deadline is still counted as
-    /// lost and logged.
+    /// [replaced](Self::replaceable). One that runs longer than its message's deadline is still
+    /// counted as lost and logged.
     pub may_lose_results: bool,
 }
 

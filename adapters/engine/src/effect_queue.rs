@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use crate::effect::Effect;
 
-/// Effects in the order of the decisions. Those with a value are more than three times as large as the others
-/// and are stored separately: most effects have no value, and with thousands of operators nothing is in the
-/// cache.
+/// Effects in the order of the decisions. Those with a value are more than three times as large as
+/// the others and are stored separately: most effects have no value, and with thousands of
+/// operators nothing is in the cache.
 pub(crate) struct EffectQueue<V, R> {
     order: VecDeque<QueuedEffect<R>>,
     with_value: VecDeque<Effect<V, R>>,

@@ -1,8 +1,8 @@
-//! One operator without its clock, its threads and its network. Inputs are methods, and tasks for the adapter
-//! come out as effects.
+//! One operator without its clock, its threads and its network. Inputs are methods, and tasks for
+//! the adapter come out as effects.
 //!
-//! Each input is one call of the [`SizedArbiter`], which decides. [`apply`] carries out the answers.
-//! Neither module decides anything about time or rank.
+//! Each input is one call of the [`SizedArbiter`], which decides. [`apply`] carries out the
+//! answers. Neither module decides anything about time or rank.
 
 mod apply;
 
@@ -38,10 +38,10 @@ use crate::writer::{Sink, TraceWriter};
 /// One operator: the core, the values that it holds, the queues to its sources, its counts and its
 /// recordings.
 ///
-/// `V` is what sources compute, and `R` is what is sent to them; the engine looks into neither. Instants are
-/// nanoseconds of the adapter's monotonic clock. Timestamps, priorities and instants are plain numbers, not
-/// the core's types, because any number is a legal input (A18). After each input, call
-/// [`next_effect`](Self::next_effect) until it returns `None`.
+/// `V` is what sources compute, and `R` is what is sent to them; the engine looks into neither.
+/// Instants are nanoseconds of the adapter's monotonic clock. Timestamps, priorities and instants
+/// are plain numbers, not the core's types, because any number is a legal input (A18). After each
+/// input, call [`next_effect`](Self::next_effect) until it returns `None`.
 ///
 /// - constructor: [`new`](Self::new), with an [`EngineConfig`]
 /// - before the first input: [`set_start`](Self::set_start), [`record`](Self::record)
@@ -51,7 +51,8 @@ use crate::writer::{Sink, TraceWriter};
 ///   [`set_reserve`](Self::set_reserve)
 /// - effects: [`next_effect`](Self::next_effect)
 /// - queries: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
-// The fields that every result needs come first: with thousands of operators nothing is in the cache.
+// The fields that every result needs come first: with thousands of operators nothing is in the
+// cache.
 #[repr(C)]
 pub struct Engine<V, R> {
     arbiter: SizedArbiter,
@@ -71,7 +72,8 @@ pub struct Engine<V, R> {
     waiting: usize,
     /// The part of an end-to-end deadline that is kept for the operators downstream.
     reserve: Reserve,
-    /// Records how long messages and local's computations take, if the operators upstream want to know.
+    /// Records how long messages and local's computations take, if the operators upstream want to
+    /// know.
     latency: Option<Latency>,
     has_substitutes: bool,
     greatest_deadline: GreatestDeadline,
@@ -115,14 +117,14 @@ impl<V, R> Engine<V, R> {
         })
     }
 
-    /// Sets the instant at which this engine's clock reads 0. Without it the age of a message is unknown.
-    /// Call this before the first input.
+    /// Sets the instant at which this engine's clock reads 0. Without it the age of a message is
+    /// unknown. Call this before the first input.
     pub const fn set_start(&mut self, start: Instant) {
         self.start = Some(start);
     }
 
-    /// Sets the part of the end-to-end deadline to keep for the operators downstream, for messages from now
-    /// on (E3). At first it is 0.
+    /// Sets the part of the end-to-end deadline to keep for the operators downstream, for messages
+    /// from now on (E3). At first it is 0.
     pub const fn set_reserve(&mut self, reserve: Reserve) {
         self.reserve = reserve;
     }
@@ -134,11 +136,11 @@ impl<V, R> Engine<V, R> {
 
     /// Records everything from here on. Call this before the first input, once for each file.
     ///
-    /// Each file has its own thread, which writes twice a second, at once when a message is missed or
-    /// refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the disk fails or falls
-    /// far behind, the recording ends early, with a whole input.
-    /// [`Tally::recording_error`](crate::Tally::recording_error) and the log report this at once, and
-    /// [`finish`](Self::finish) at the end. The operator continues.
+    /// Each file has its own thread, which writes twice a second, at once when a message is missed
+    /// or refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the disk
+    /// fails or falls far behind, the recording ends early, with a whole input.
+    /// [`Tally::recording_error`](crate::Tally::recording_error) and the log report this at once,
+    /// and [`finish`](Self::finish) at the end. The operator continues.
     ///
     /// # Errors
     /// Returns an error if the thread cannot be started.
@@ -150,10 +152,10 @@ impl<V, R> Engine<V, R> {
 
     /// Takes a message (F1). Returns `true` if it is accepted.
     ///
-    /// Then `job` goes to local, whose deadline is `deadline`, and clouds are offered `offers` (F2). If the
-    /// message is refused, `offers` is not read. If too many computations then wait for local, one of them is
-    /// [discarded](Overflow) after the offers: local fails for its message (F4), and only clouds can return a
-    /// result for it.
+    /// Then `job` goes to local, whose deadline is `deadline`, and clouds are offered `offers`
+    /// (F2). If the message is refused, `offers` is not read. If too many computations then wait
+    /// for local, one of them is [discarded](Overflow) after the offers: local fails for its
+    /// message (F4), and only clouds can return a result for it.
     pub fn open(
         &mut self,
         at: u64,
@@ -165,8 +167,8 @@ impl<V, R> Engine<V, R> {
         self.open_with(at, t, deadline, None, job, offers)
     }
 
-    /// Takes a message with a lineage, which its items have too. Otherwise it does what [`open`](Self::open)
-    /// does.
+    /// Takes a message with a lineage, which its items have too. Otherwise it does what
+    /// [`open`](Self::open) does.
     pub fn open_with(
         &mut self,
         at: u64,
@@ -216,10 +218,11 @@ impl<V, R> Engine<V, R> {
 
     /// Offers `request` to cloud `p` for a message handler (F2).
     ///
-    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. The policy is called
-    /// only if the request will be admitted.
+    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. The policy
+    /// is called only if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
-        // Due timers come first, since they may close the message that the policy would be asked about (F0).
+        // Due timers come first, since they may close the message that the policy would be asked
+        // about (F0).
         if self.arbiter.next_due().is_some_and(|due| due <= at) {
             self.tick(at);
         }
@@ -251,8 +254,8 @@ impl<V, R> Engine<V, R> {
 
     /// Applies a source's result (F3).
     ///
-    /// A value of another message than the source may send is a failure (D2, F4), and so is one that is meant for another
-    /// message (D18).
+    /// A value of another message than the source may send is a failure (D2, F4), and so is one
+    /// that is meant for another message (D18).
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: impl Into<StampedValue<V>>) {
         let value = value.into();
         let ValueKeys { of, meant_for } = value.keys();
@@ -286,8 +289,8 @@ impl<V, R> Engine<V, R> {
 
     /// Reports that a source will send no result (F4).
     ///
-    /// `why` is counted, given with the message's item, and logged. It is a warning at first and every ten
-    /// seconds while no result comes, and otherwise at the level debug.
+    /// `why` is counted, given with the message's item, and logged. It is a warning at first and
+    /// every ten seconds while no result comes, and otherwise at the level debug.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let index = self.sources.index(p);
@@ -309,8 +312,8 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
-    /// Ends the run at `at`. If messages are open, a last `tick` in the trace shows that everything that was
-    /// due by then is overdue (A44).
+    /// Ends the run at `at`. If messages are open, a last `tick` in the trace shows that everything
+    /// that was due by then is overdue (A44).
     ///
     /// Nothing is decided any more: the tick comes before the next timer's due instant. Call
     /// [`finish`](Self::finish) next.
@@ -320,8 +323,8 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine does the
-    /// same.
+    /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
+    /// does the same.
     ///
     /// # Errors
     /// Returns the first error while recording. The trace is whole up to there.
@@ -334,8 +337,8 @@ impl<V, R> Engine<V, R> {
         self.effects.pop()
     }
 
-    /// Returns the earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a
-    /// lost computation makes room for one that waits. Tick then.
+    /// Returns the earliest instant, in ns, at which a timer is due, a call has lingered long
+    /// enough, or a lost computation makes room for one that waits. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due().into_iter().chain(self.sources.next_due()).min()

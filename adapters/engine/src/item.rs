@@ -1,5 +1,5 @@
-//! The items that go downstream: one for each message; under progressive one or more, of which the last is
-//! marked (D1).
+//! The items that go downstream: one for each message; under progressive one or more, of which the
+//! last is marked (D1).
 
 use std::any::Any;
 use std::fmt;
@@ -12,10 +12,11 @@ use crate::lineage::Lineage;
 
 /// The output of an operator for one message.
 ///
-/// Every message leads to exactly one item (P1, P11). Under progressive it leads to one or more, each better
-/// than the one before, and exactly one [is the last](Self::is_last) (D1, F9). Items come in the order of
-/// decisions (A12). So under progressive a consumer should keep the item of the greatest `(timestamp,
-/// source.priority)`; otherwise an old message's better result replaces a newer message's result.
+/// Every message leads to exactly one item (P1, P11). Under progressive it leads to one or more,
+/// each better than the one before, and exactly one [is the last](Self::is_last) (D1, F9). Items
+/// come in the order of decisions (A12). So under progressive a consumer should keep the item of
+/// the greatest `(timestamp, source.priority)`; otherwise an old message's better result replaces a
+/// newer message's result.
 ///
 /// Instants are readings of the operator's clock: the time since the operator started.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -26,7 +27,8 @@ pub struct Item<V> {
     pub opened: Duration,
     /// The instant of the decision.
     pub decided: Duration,
-    /// The number of items of its message before this one. It is 0 unless the commit rule is progressive.
+    /// The number of items of its message before this one. It is 0 unless the commit rule is
+    /// progressive.
     pub revision: u32,
     /// The way in which the message ended.
     pub ending: Ending<V>,
@@ -34,11 +36,12 @@ pub struct Item<V> {
     pub failures: Vec<Failure>,
     /// The origin of the message, as it was given with the message.
     pub lineage: Option<Arc<Lineage>>,
-    /// The time from the capture to the decision, if that is known. If the value is [of](Forwarded::of) an
-    /// earlier message, it counts from that message's capture. A substitute has none (E7).
+    /// The time from the capture to the decision, if that is known. If the value is
+    /// [of](Forwarded::of) an earlier message, it counts from that message's capture. A substitute
+    /// has none (E7).
     pub age: Option<Duration>,
-    /// The value that the operator's [handler](Self::needs_substitute) gave for a message without a result
-    /// (E4). The ending stays as it is.
+    /// The value that the operator's [handler](Self::needs_substitute) gave for a message without a
+    /// result (E4). The ending stays as it is.
     pub substitute: Option<V>,
     /// The message itself, if the operator was to keep it. Read it by [`message`](Self::message).
     pub carried: Option<CarriedMessage>,
@@ -83,10 +86,11 @@ pub struct Forwarded<V> {
     pub arrived: Duration,
     /// The event that triggered the output.
     pub trigger: Trigger,
-    /// The timestamp that the value was computed from, if its source said so: this one, or one before it that is no
-    /// older than the cloud's `max_age` allows (D2).
+    /// The timestamp that the value was computed from, if its source said so: this one, or one
+    /// before it that is no older than the cloud's `max_age` allows (D2).
     pub of: Option<u64>,
-    /// The message that the value is meant for, if its source named it. It is always this one (D18).
+    /// The message that the value is meant for, if its source named it. It is always this one
+    /// (D18).
     pub meant_for: Option<u64>,
 }
 
@@ -163,7 +167,8 @@ impl fmt::Debug for CarriedMessage {
 }
 
 impl<V> Item<V> {
-    /// Returns the message, if the operator was to keep it and it has the type `M` of the operator's input.
+    /// Returns the message, if the operator was to keep it and it has the type `M` of the
+    /// operator's input.
     #[must_use]
     pub fn message<M: Send + Sync + 'static>(&self) -> Option<Arc<M>> {
         Arc::downcast(Arc::clone(&self.carried.as_ref()?.0)).ok()
@@ -178,7 +183,8 @@ impl<V> Item<V> {
         }
     }
 
-    /// Returns the value that a consumer should use: the forwarded result, or otherwise the substitute.
+    /// Returns the value that a consumer should use: the forwarded result, or otherwise the
+    /// substitute.
     #[must_use]
     pub const fn value(&self) -> Option<&V> {
         match self.forwarded() {
@@ -205,8 +211,8 @@ impl<V> Item<V> {
         }
     }
 
-    /// Returns this item for a consumer that was not given the `earlier` one of its message. If this item is
-    /// final, it gets the value that was sent before.
+    /// Returns this item for a consumer that was not given the `earlier` one of its message. If
+    /// this item is final, it gets the value that was sent before.
     #[must_use]
     pub fn instead_of(mut self, earlier: Self) -> Self {
         if let (Ending::Final(_), Ending::Preliminary(last)) = (&self.ending, earlier.ending) {

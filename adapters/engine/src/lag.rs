@@ -1,5 +1,5 @@
-//! Notices when the event loop is blocked: a timer is served late, or a handler runs for long without a pause
-//! (D9).
+//! Notices when the event loop is blocked: a timer is served late, or a handler runs for long
+//! without a pause (D9).
 //!
 //! It counts and logs; no decision depends on it. It warns the first, second, fourth, … time.
 
@@ -58,8 +58,8 @@ impl Lag {
         }
     }
 
-    /// Notes that a handler blocked its thread. `source` has the name of its source and the number of times
-    /// that happened.
+    /// Notes that a handler blocked its thread. `source` has the name of its source and the number
+    /// of times that happened.
     pub(crate) fn held_up(&self, lasted: Duration, source: Option<(&str, u64)>) {
         self.greatest.fetch_max(nanos(lasted), Ordering::Relaxed);
         let (source, times) = source

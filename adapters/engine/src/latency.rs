@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use crate::lock::lock;
 
-/// The time that an operator takes for a message, on board alone and with its clouds. It is stated, or measured while
-/// the operator runs.
+/// The time that an operator takes for a message, on board alone and with its clouds. It is stated,
+/// or measured while the operator runs.
 ///
-/// The operator records its messages in it, and the operators upstream keep that much of an end-to-end
-/// deadline in [reserve](Reserve). Clones share the measurements.
+/// The operator records its messages in it, and the operators upstream keep that much of an
+/// end-to-end deadline in [reserve](Reserve). Clones share the measurements.
 ///
 /// ```
 /// use fuseline_engine::{Latency, Reserve};
@@ -32,12 +32,12 @@ enum LatencyKind {
     Measured { percent: u8, at_first: Duration, last: Arc<Mutex<Measurements>> },
 }
 
-/// The part of an end-to-end deadline that is kept for the operators downstream. It is the sum of their
-/// latencies.
+/// The part of an end-to-end deadline that is kept for the operators downstream. It is the sum of
+/// their latencies.
 ///
-/// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the
-/// others take [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local
-/// upstream (E11).
+/// Local's time ends before what the others need [on board](Self::on_board). Requests end before
+/// what the others take [with their clouds](Self::with_clouds). So a cloud downstream never takes
+/// time from local upstream (E11).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct Reserve {
     on_board: Duration,
@@ -108,23 +108,24 @@ impl Latency {
         Self(LatencyKind::Stated(Reserve::new(on_board, with_clouds)))
     }
 
-    /// Measures a percentile, from 1 to 100, of local's last 256 computations and of the last 256 messages.
-    /// Until 16 were recorded, either is `at_first`.
+    /// Measures a percentile, from 1 to 100, of local's last 256 computations and of the last 256
+    /// messages. Until 16 were recorded, either is `at_first`.
     #[must_use]
     pub fn measured(percent: u8, at_first: Duration) -> Self {
         Self(LatencyKind::Measured { percent, at_first, last: Arc::default() })
     }
 
-    /// Records how long a message took until its last output. Does nothing if the latency is stated.
+    /// Records how long a message took until its last output. Does nothing if the latency is
+    /// stated.
     pub fn record(&self, took: Duration) {
         self.push(|last| &mut last.messages, took);
     }
 
-    /// Records how long local computed a result, whatever was sent for its message. Does nothing if the
-    /// latency is stated.
+    /// Records how long local computed a result, whatever was sent for its message. Does nothing if
+    /// the latency is stated.
     ///
-    /// The wait for a free worker does not count: clouds upstream may cause it, and it would take local's
-    /// time there.
+    /// The wait for a free worker does not count: clouds upstream may cause it, and it would take
+    /// local's time there.
     pub fn record_local(&self, took: Duration) {
         self.push(|last| &mut last.local, took);
     }

@@ -1,5 +1,5 @@
-//! The origin and the age of a message. Operators pass it on and write it in their traces; no decision
-//! depends on it (A51).
+//! The origin and the age of a message. Operators pass it on and write it in their traces; no
+//! decision depends on it (A51).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -22,22 +22,25 @@ pub struct Lineage {
     pub origin: Option<Origin>,
     /// The instant when the sensor captured the message.
     pub captured: Option<Instant>,
-    /// The time after the capture by which the last operator's output is due. If the capture is unknown, each
-    /// operator counts from when it accepts the message. Each operator's deadlines end with it (E3), and
-    /// traces record it, so that it can be judged (J2).
+    /// The time after the capture by which the last operator's output is due. If the capture is
+    /// unknown, each operator counts from when it accepts the message. Each operator's deadlines
+    /// end with it (E3), and traces record it, so that it can be judged (J2).
     pub within: Option<Duration>,
     /// The inputs of joins on the way that contributed no message.
     pub missing: Vec<Arc<str>>,
 }
 
-/// A value and, if its source says so, of which message it is (D2) and for which one it is meant (D18).
+/// A value and, if its source says so, of which message it is (D2) and for which one it is meant
+/// (D18).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct StampedValue<V> {
     /// The value.
     pub value: V,
-    /// The timestamp of the message that it is of, as the reply says; never copied from the request.
+    /// The timestamp of the message that it is of, as the reply says; never copied from the
+    /// request.
     pub of: Option<u64>,
-    /// The timestamp of the message that it is meant for, as the reply says: of a chunk of actions, the action's tick.
+    /// The timestamp of the message that it is meant for, as the reply says: of a chunk of actions,
+    /// the action's tick.
     pub meant_for: Option<u64>,
 }
 
@@ -62,8 +65,8 @@ impl Lineage {
         Some(now.into().saturating_duration_since(self.captured?))
     }
 
-    /// Returns the keys of the `open`, whose instant is `now`. A deadline that counts from that instant is
-    /// written as if it counted from the capture.
+    /// Returns the keys of the `open`, whose instant is `now`. A deadline that counts from that
+    /// instant is written as if it counted from the capture.
     pub(crate) fn annotations(&self, now: Option<Instant>, counts_from_now: bool) -> Annotations {
         let age = now.and_then(|now| self.age(now));
         let before = age.filter(|_| counts_from_now).unwrap_or_default();

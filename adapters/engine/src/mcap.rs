@@ -1,4 +1,5 @@
-//! Writes a run as MCAP, with lines of the trace as JSON messages, for Foxglove and other readers of MCAP.
+//! Writes a run as MCAP, with lines of the trace as JSON messages, for Foxglove and other readers
+//! of MCAP.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -48,8 +49,8 @@ impl Mcap<BufWriter<File>> {
 impl<W: Write + Seek> Mcap<W> {
     /// Creates a recording into `out`.
     ///
-    /// `epoch`, in nanoseconds, is the time that viewers show for instant 0. Give the time since 1970 if they
-    /// should show the time of day.
+    /// `epoch`, in nanoseconds, is the time that viewers show for instant 0. Give the time since
+    /// 1970 if they should show the time of day.
     ///
     /// # Errors
     /// Returns an error if `out` cannot be written.
@@ -60,7 +61,8 @@ impl<W: Write + Seek> Mcap<W> {
         epoch: u64,
     ) -> Result<Self, McapError> {
         let library = format!("fuseline {}", env!("CARGO_PKG_VERSION"));
-        // Lines come in many small writes, and handing each to a thread costs more than packing it here.
+        // Lines come in many small writes, and handing each to a thread costs more than packing it
+        // here.
         let options = WriteOptions::new().compression_threads(0).compression_level(PACKING);
         let options = options.profile("fuseline").library(library);
         let mut inner = options.create(out)?;

@@ -1,5 +1,5 @@
-//! The open messages of one operator: when each was opened, its best available result, and the sources that
-//! failed.
+//! The open messages of one operator: when each was opened, its best available result, and the
+//! sources that failed.
 //!
 //! This module follows the machine's answers and never decides which result is sent.
 
@@ -17,11 +17,11 @@ pub(crate) struct OpenMessages<V> {
     open: VecDeque<OpenMessage<V>>,
     /// `true` if any message had an end-to-end deadline.
     has_budgets: bool,
-    /// The timestamps and instants of the last [`REMEMBERED`] messages, even those that are no longer open;
-    /// `None` if the operator takes no hints.
+    /// The timestamps and instants of the last [`REMEMBERED`] messages, even those that are no
+    /// longer open; `None` if the operator takes no hints.
     last: Option<VecDeque<(u64, u64)>>,
-    /// The timestamps and captures of the last [`REMEMBERED`] messages that have one; `None` if values are of
-    /// their own messages.
+    /// The timestamps and captures of the last [`REMEMBERED`] messages that have one; `None` if
+    /// values are of their own messages.
     captures: Option<VecDeque<(u64, Instant)>>,
 }
 
@@ -51,8 +51,8 @@ pub(crate) struct HeldValue<V> {
 const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
-    /// Creates an empty store. It remembers messages if hints are taken, and captures if values may be of
-    /// earlier messages.
+    /// Creates an empty store. It remembers messages if hints are taken, and captures if values may
+    /// be of earlier messages.
     pub(crate) fn new(takes_hints: bool, has_max_ages: bool) -> Self {
         let last = takes_hints.then(VecDeque::new);
         let captures = has_max_ages.then(VecDeque::new);
@@ -81,8 +81,8 @@ impl<V> OpenMessages<V> {
         self.open.push_back(OpenMessage { t, opened, held, failures, items, lineage, budget });
     }
 
-    /// Notes an available result, and keeps it if it is the best, with the message that its value is of (F3,
-    /// D2).
+    /// Notes an available result, and keeps it if it is the best, with the message that its value
+    /// is of (F3, D2).
     pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: StampedValue<V>) {
         if let Some(open_message) = self.find(t)
             && open_message.held.as_ref().is_none_or(|held| held.p < p)

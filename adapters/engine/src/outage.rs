@@ -1,5 +1,5 @@
-//! Decides when to log that a source gives no results: at first, every ten seconds, and when it is over, but
-//! not for each message.
+//! Decides when to log that a source gives no results: at first, every ten seconds, and when it is
+//! over, but not for each message.
 
 /// The least time, in ns, between two lines about a source.
 const EVERY: u64 = 10_000_000_000;
@@ -41,8 +41,8 @@ impl OutageLog {
         if self.count < TIMERS && !self.is_logged { None } else { self.line(at) }
     }
 
-    /// Notes a result, in time or late. Returns the outage that it ends, if that was logged and had more than
-    /// one request (F3).
+    /// Notes a result, in time or late. Returns the outage that it ends, if that was logged and had
+    /// more than one request (F3).
     pub(crate) fn answered(&mut self, at: u64) -> Option<OutageLine> {
         if self.count == 0 {
             return None;

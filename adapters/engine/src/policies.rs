@@ -1,7 +1,7 @@
 //! Chooses the deadlines of offers, with at most one policy for each cloud.
 //!
-//! Policies are the user's code. They are never called about a request that will be refused (T6), and a panic
-//! in one costs only that request (D7). `fuseline-deadline` defines them.
+//! Policies are the user's code. They are never called about a request that will be refused (T6),
+//! and a panic in one costs only that request (D7). `fuseline-deadline` defines them.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
@@ -13,7 +13,8 @@ use crate::tally::CurrentDeadline;
 /// The policies of one operator, by the index of their cloud.
 #[repr(C)]
 pub(crate) struct Policies {
-    /// The indices that have a policy, one bit each. Usually there is none, and then nothing else is read.
+    /// The indices that have a policy, one bit each. Usually there is none, and then nothing else
+    /// is read.
     with_policy: u16,
     clouds: Vec<CloudPolicy>,
     situation: Situation<'static>,
@@ -32,8 +33,8 @@ struct CloudPolicy {
 pub(crate) struct PolicyPanic;
 
 impl Policies {
-    /// Creates the policies of the clouds, in their order. Until the situation is set it is unknown, so
-    /// policies take no risk.
+    /// Creates the policies of the clouds, in their order. Until the situation is set it is
+    /// unknown, so policies take no risk.
     pub(crate) fn new(policies: impl Iterator<Item = Option<Box<dyn Policy + Send>>>) -> Self {
         let (local, mut with_policy) = (CloudPolicy::default(), 0);
         let mut clouds = vec![local];
@@ -48,11 +49,11 @@ impl Policies {
         self.situation = situation;
     }
 
-    /// Returns the deadline of an offer, at most `cap`, or `cap` itself if there is no policy. `write_ages`
-    /// writes the ages of the cloud's unanswered requests.
+    /// Returns the deadline of an offer, at most `cap`, or `cap` itself if there is no policy.
+    /// `write_ages` writes the ages of the cloud's unanswered requests.
     ///
-    /// A policy's figures cover the whole way from the capture to the last output. The request cannot use the
-    /// part `spent` of it (E3).
+    /// A policy's figures cover the whole way from the capture to the last output. The request
+    /// cannot use the part `spent` of it (E3).
     ///
     /// # Errors
     /// Returns an error if the policy panics.
@@ -70,7 +71,8 @@ impl Policies {
         let whole = cap.saturating_add(spent);
         let chosen = catch_unwind(AssertUnwindSafe(|| policy.decide(&situation, whole).into()));
         let chosen: CurrentDeadline = chosen.map_err(|_| PolicyPanic)?;
-        // The cap also holds for a policy, so the deadline that is shown is the one that the request gets.
+        // The cap also holds for a policy, so the deadline that is shown is the one that the
+        // request gets.
         let deadline = chosen.deadline.saturating_sub(spent).min(cap);
         Ok(CurrentDeadline { deadline, ..chosen })
     }

@@ -1,7 +1,8 @@
-//! The queue to one source: the requests that wait to be sent, those under way, and those that linger.
+//! The queue to one source: the requests that wait to be sent, those under way, and those that
+//! linger.
 //!
-//! It knows order and bounds, but no rule: other modules decide which request is admitted or closed.
-//! [`sources`](crate::sources) has all queues of an operator.
+//! It knows order and bounds, but no rule: other modules decide which request is admitted or
+//! closed. [`sources`](crate::sources) has all queues of an operator.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -12,8 +13,8 @@ use crate::effect::Effect;
 use crate::item::Source;
 use crate::outage::OutageLog;
 
-/// One source's outgoing queue and its calls, in the order of admission. Fields that every message needs come
-/// first.
+/// One source's outgoing queue and its calls, in the order of admission. Fields that every message
+/// needs come first.
 #[repr(C, align(64))]
 pub(crate) struct SourceQueue<R> {
     waiting: VecDeque<Waiting<R>>,
@@ -28,9 +29,11 @@ pub(crate) struct SourceQueue<R> {
     /// Decides when to log that no results come.
     pub(crate) outage: OutageLog,
     pub(crate) source: Source,
-    /// Calls that nothing waits for and that run on, to learn how long they take; at most `at_once`.
+    /// Calls that nothing waits for and that run on, to learn how long they take; at most
+    /// `at_once`.
     lingering: VecDeque<InFlightCall>,
-    /// Computations that gave their place to another and have not ended, and the greatest number of them.
+    /// Computations that gave their place to another and have not ended, and the greatest number of
+    /// them.
     replaced: Vec<InFlightCall>,
     pub(crate) replaceable: usize,
 }
@@ -151,8 +154,8 @@ impl<R> SourceQueue<R> {
             .or_else(|| self.withdraw(t))
     }
 
-    /// Closes a request whose result is no longer wanted. A call that may linger runs on. Returns the request
-    /// that ends, if one does.
+    /// Closes a request whose result is no longer wanted. A call that may linger runs on. Returns
+    /// the request that ends, if one does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
         let Some(call) = self.remove_in_flight(t) else {
             return self.withdraw(t).map(|EndedRequest { requested_at, spent, .. }| {
@@ -189,8 +192,8 @@ impl<R> SourceQueue<R> {
         Some(self.in_flight.remove(index).t)
     }
 
-    /// Notes a computation that counts as lost by `now` and still runs. Returns its timestamp, and `true` if
-    /// it gave its place to another.
+    /// Notes a computation that counts as lost by `now` and still runs. Returns its timestamp, and
+    /// `true` if it gave its place to another.
     pub(crate) fn mark_overrun(&mut self, now: u64) -> Option<(u64, bool)> {
         let call = self.in_flight.iter_mut().find(|call| call.is_lost(now))?;
         call.lost = u64::MAX;
@@ -220,8 +223,8 @@ impl<R> SourceQueue<R> {
         self.waiting.front().map(|waiting| waiting.t)
     }
 
-    /// Writes the age of each unanswered request at `now`, as policies count it, the oldest first, with those
-    /// that linger.
+    /// Writes the age of each unanswered request at `now`, as policies count it, the oldest first,
+    /// with those that linger.
     pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
         let in_flight = self.in_flight.iter().chain(&self.lingering);
         let in_flight = in_flight.map(|call| (call.requested_at, call.spent));

@@ -10,8 +10,8 @@ const BYTES: usize = 200;
 
 /// The reasons of a source's accepted failures (F4), and how often each was given.
 ///
-/// The eight that were given last are counted separately, and all others together. So a reason that is new today is named, whatever
-/// went wrong before.
+/// The eight that were given last are counted separately, and all others together. So a reason that
+/// is new today is named, whatever went wrong before.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Reasons {
     known: Vec<KnownReason>,

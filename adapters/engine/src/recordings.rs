@@ -1,5 +1,5 @@
-//! The recordings of one operator: hands each input with its decisions to every writer, in the same order
-//! (D3).
+//! The recordings of one operator: hands each input with its decisions to every writer, in the same
+//! order (D3).
 //!
 //! Nothing here waits for a disk; [`writer`](crate::writer) writes the lines.
 
@@ -37,7 +37,8 @@ impl Recordings {
         }
     }
 
-    /// Records the input, the firings before it, and its answer. Called only if anything is recorded.
+    /// Records the input, the firings before it, and its answer. Called only if anything is
+    /// recorded.
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
         (input, annotations): (&Input, &Annotations),

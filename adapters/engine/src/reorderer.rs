@@ -1,4 +1,5 @@
-//! Sorts the items of one operator by timestamp. Each waits for earlier ones no longer than a bound (E9).
+//! Sorts the items of one operator by timestamp. Each waits for earlier ones no longer than a bound
+//! (E9).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
@@ -52,15 +53,15 @@ struct WaitingItem<T> {
 const MOST: usize = 1024;
 
 impl<T> Reorderer<T> {
-    /// Creates a reorderer in which an item waits for earlier ones for `wait`, but no longer than until
-    /// `reserve` is left of its end-to-end deadline.
+    /// Creates a reorderer in which an item waits for earlier ones for `wait`, but no longer than
+    /// until `reserve` is left of its end-to-end deadline.
     #[must_use]
     pub const fn new(wait: Duration, reserve: Duration) -> Self {
         Self { wait, reserve, next: 0, waiting: BTreeMap::new(), count: 0, ready: VecDeque::new() }
     }
 
-    /// Adds an item of `timestamp`. `is_last` is `true` if no revision of it follows, and `due` is its
-    /// end-to-end deadline, if it has one.
+    /// Adds an item of `timestamp`. `is_last` is `true` if no revision of it follows, and `due` is
+    /// its end-to-end deadline, if it has one.
     pub fn arrive(
         &mut self,
         now: Instant,

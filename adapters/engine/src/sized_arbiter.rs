@@ -1,7 +1,7 @@
 //! An operator's machine, with room for few more timestamps than its window.
 //!
-//! A machine's memory, and the number of keys that it reads when a timer changes, depend on its capacity, not
-//! on its window. Its answers do not.
+//! A machine's memory, and the number of keys that it reads when a timer changes, depend on its
+//! capacity, not on its window. Its answers do not.
 
 use crate::arbiter::{Answer, Arbiter, CLOUDS};
 use fuseline_core::{Commit, ConfigError, Firing, OfferRefusal};
@@ -36,7 +36,8 @@ macro_rules! of_any_size {
 
 impl SizedArbiter {
     /// # Errors
-    /// Returns the first [`ConfigError`] that holds. For a window it says that 1024 is the greatest.
+    /// Returns the first [`ConfigError`] that holds. For a window it says that 1024 is the
+    /// greatest.
     pub(crate) fn new(header: &Header) -> Result<Self, ConfigError> {
         Ok(match usize::from(header.window) {
             1..=SMALL => Self::Small(Arbiter::new(header)?),

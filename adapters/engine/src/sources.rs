@@ -1,4 +1,5 @@
-//! The queues to all sources of one operator: local's first, then the clouds' in the order of the header.
+//! The queues to all sources of one operator: local's first, then the clouds' in the order of the
+//! header.
 //!
 //! The engine names a source by its index here; only inputs and effects carry priorities.
 //! [`queue`](crate::queue) has one queue.
@@ -20,15 +21,17 @@ pub(crate) const LOCAL: usize = 0;
 /// The number of sources: local and all clouds.
 const SOURCES: usize = CLOUDS + 1;
 
-/// One queue for each source. Facts that concern all of them are stored beside them, because with thousands
-/// of operators no queue is in the cache.
+/// One queue for each source. Facts that concern all of them are stored beside them, because with
+/// thousands of operators no queue is in the cache.
 pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
     /// The priorities by index; 0, which is local's, where there is no source.
     priorities: [u16; SOURCES],
-    /// The indices of the queues that may have changed since they were [settled](Self::settle), one bit each.
+    /// The indices of the queues that may have changed since they were [settled](Self::settle), one
+    /// bit each.
     changed: u16,
-    /// The instant when local's next computation counts as lost, as of the last settling of its queue.
+    /// The instant when local's next computation counts as lost, as of the last settling of its
+    /// queue.
     next_lost: Option<u64>,
     /// `true` if local's results can be lost on the way.
     may_lose_results: bool,
@@ -61,8 +64,8 @@ impl<R> SourceQueues<R> {
         self.queues.iter()
     }
 
-    /// Ends a call that has lingered long enough by `now`, if there is one. Returns it with its source's
-    /// index.
+    /// Ends a call that has lingered long enough by `now`, if there is one. Returns it with its
+    /// source's index.
     pub(crate) fn end_lingering(&mut self, now: u64) -> Option<(usize, AbandonedRequest)> {
         if !self.may_linger {
             return None;
@@ -108,8 +111,9 @@ impl<R> SourceQueues<R> {
         &self[index].source.name
     }
 
-    /// Returns the next instant when a call has lingered long enough or a computation counts as lost. A
-    /// computation that can be lost on the way counts only if it makes room for one that waits.
+    /// Returns the next instant when a call has lingered long enough or a computation counts as
+    /// lost. A computation that can be lost on the way counts only if it makes room for one that
+    /// waits.
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.queues.iter().filter(|_| self.may_linger);
         let lingering = lingering.filter_map(SourceQueue::next_lingering_end);

@@ -23,12 +23,13 @@ pub struct Tally {
     pub sources: Vec<SourceTally>,
     /// The failures of the operator's own handlers: for situations, hints, states or substitutes.
     pub handler_failures: u64,
-    /// The timers that were served later than the [warning](crate::EngineConfig::lag_warning) allows, because
-    /// something blocked the event loop.
+    /// The timers that were served later than the [warning](crate::EngineConfig::lag_warning)
+    /// allows, because something blocked the event loop.
     pub late_timers: u64,
     /// The greatest delay of a timer, or time that a handler blocked its thread.
     pub greatest_lag: Duration,
-    /// The reason why a recording ended before the operator did, if one did. It is the first such reason.
+    /// The reason why a recording ended before the operator did, if one did. It is the first such
+    /// reason.
     pub recording_error: Option<Arc<str>>,
 }
 
@@ -55,8 +56,8 @@ pub struct SourceTally {
     pub failed: u64,
     /// The reasons of those failures.
     pub reasons: Reasons,
-    /// The computations that counted as lost: no result or failure came within their message's deadline,
-    /// counted from their start.
+    /// The computations that counted as lost: no result or failure came within their message's
+    /// deadline, counted from their start.
     pub lost: u64,
     /// The failures of its message handler.
     pub handler_failures: u64,

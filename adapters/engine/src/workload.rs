@@ -19,8 +19,8 @@ pub struct Workload {
 pub enum CapacityError {
     /// The rate is not a number above 0.
     Rate(f64),
-    /// The window is too small for the messages that are open at once. Some would be refused, and for those
-    /// no deadline is safe.
+    /// The window is too small for the messages that are open at once. Some would be refused, and
+    /// for those no deadline is safe.
     Window {
         /// The workload.
         workload: Workload,
@@ -29,7 +29,8 @@ pub enum CapacityError {
         /// The least window that suffices.
         needs: usize,
     },
-    /// A cloud may have too few calls under way at once. Requests would wait, and the cloud would seem slow.
+    /// A cloud may have too few calls under way at once. Requests would wait, and the cloud would
+    /// seem slow.
     Calls {
         /// The workload.
         workload: Workload,
@@ -55,12 +56,13 @@ pub enum CapacityError {
 #[derive(Clone, PartialEq, Debug)]
 pub struct CapacityErrors(pub Vec<CapacityError>);
 
-/// The greatest delay of an output after its due instant, in seconds. Timers take 1 ms, and more on busy
-/// hosts.
+/// The greatest delay of an output after its due instant, in seconds. Timers take 1 ms, and more on
+/// busy hosts.
 const LATENESS: f64 = 0.005;
 
 impl Workload {
-    /// Checks that the window, local's computations at once, and each cloud's calls (by name) suffice.
+    /// Checks that the window, local's computations at once, and each cloud's calls (by name)
+    /// suffice.
     ///
     /// # Errors
     /// Returns everything that does not suffice.

@@ -1,4 +1,5 @@
-//! Hands lines from the operator to its recorder, which writes files and may wait for the disk (D10).
+//! Hands lines from the operator to its recorder, which writes files and may wait for the disk
+//! (D10).
 
 use std::fs::Metadata;
 use std::io;
@@ -37,9 +38,9 @@ pub enum Sink {
 
 /// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
 ///
-/// Lines are written twice a second, at once when a message is missed or refused, and after each input if the
-/// recorder is configured so. If too many lines wait for the disk, or it refuses them, the recording ends
-/// there, after a whole input, with an error. The operator continues.
+/// Lines are written twice a second, at once when a message is missed or refused, and after each
+/// input if the recorder is configured so. If too many lines wait for the disk, or it refuses them,
+/// the recording ends there, after a whole input, with an error. The operator continues.
 pub(crate) struct TraceWriter {
     waiting: Arc<Mutex<PendingInputs>>,
     writer: Option<JoinHandle<io::Result<()>>>,
@@ -77,7 +78,8 @@ impl TraceWriter {
         Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 
-    /// Records an input with its decisions. `values` knows the messages that the decisions' values are of.
+    /// Records an input with its decisions. `values` knows the messages that the decisions' values
+    /// are of.
     pub(crate) fn record(
         &mut self,
         (input, annotations): (&Input, &Annotations),
@@ -142,7 +144,8 @@ impl Drop for TraceWriter {
     }
 }
 
-/// The file of a recording, as it was at the last look. Lines that are written to a removed file are lost.
+/// The file of a recording, as it was at the last look. Lines that are written to a removed file
+/// are lost.
 #[derive(Default)]
 struct WatchedFile {
     path: PathBuf,

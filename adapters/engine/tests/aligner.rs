@@ -1,5 +1,5 @@
-//! Tests sets of several inputs: complete, due, bounded, each given once, and as old as their oldest message
-//! (E5, E6, E7, E8).
+//! Tests sets of several inputs: complete, due, bounded, each given once, and as old as their
+//! oldest message (E5, E6, E7, E8).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -226,7 +226,8 @@ fn set_names_missing_inputs_and_may_be_latest() {
     assert_eq!(set_with(Some(plan(None))), (2, "right".into(), None, Some(100), of_plan));
 }
 
-/// A latest message is used up to its greatest age, which counts from its capture or arrival (E5, E7).
+/// A latest message is used up to its greatest age, which counts from its capture or arrival (E5,
+/// E7).
 #[test]
 fn latest_message_is_used_up_to_its_age() {
     for captured in [true, false] {
@@ -246,8 +247,9 @@ fn latest_message_is_used_up_to_its_age() {
 }
 
 proptest! {
-    /// For any messages in any order, each key is given at most once, and by its due instant. It is complete
-    /// if everything came, and at most as many sets wait as there is room for (E1, E5, E6, E8).
+    /// For any messages in any order, each key is given at most once, and by its due instant. It is
+    /// complete if everything came, and at most as many sets wait as there is room for (E1, E5, E6,
+    /// E8).
     #[test]
     fn whatever_comes_each_key_is_given_once_and_in_time(
         messages in prop::collection::vec((0_u32..9, 0_usize..3, 0_u64..12, any::<bool>()), 1..200),

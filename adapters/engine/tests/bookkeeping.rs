@@ -143,8 +143,8 @@ fn effects(engine: &mut Engine<MarkedValue, u64>) -> Vec<String> {
     effects.map(shown).collect()
 }
 
-/// Returns the gauges, except the deadlines in force, and the counters, by metric and labels without the
-/// operator's label.
+/// Returns the gauges, except the deadlines in force, and the counters, by metric and labels
+/// without the operator's label.
 fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<String, u64>) {
     let (mut gauges, mut counters) = (BTreeMap::new(), BTreeMap::new());
     for (key, _, _, value) in snapshotter.snapshot().into_vec() {

@@ -1,5 +1,5 @@
-//! Tests an end-to-end deadline at one operator: the time for requests and local, and the reports to policies
-//! (E2, E3, E4).
+//! Tests an end-to-end deadline at one operator: the time for requests and local, and the reports
+//! to policies (E2, E3, E4).
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -36,8 +36,8 @@ const fn ms(ms: u64) -> u64 {
     ms * 1_000_000
 }
 
-/// Opens a message that is `age_ms` old and due 500 ms after its capture, and offers it to a cloud for 400
-/// ms.
+/// Opens a message that is `age_ms` old and due 500 ms after its capture, and offers it to a cloud
+/// for 400 ms.
 fn open(engine: &mut Tested, start: Instant, at_ms: u64, t: u64, age_ms: u64) {
     let captured =
         (start + Duration::from_millis(at_ms)).checked_sub(Duration::from_millis(age_ms));

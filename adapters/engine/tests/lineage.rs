@@ -72,7 +72,8 @@ impl RecordedEngine {
         items.collect()
     }
 
-    /// Returns the lines of the trace with one of these words, after checking that all of it conforms.
+    /// Returns the lines of the trace with one of these words, after checking that all of it
+    /// conforms.
     fn lines(mut self, words: &[&str]) -> Vec<String> {
         self.engine.finish().unwrap();
         let text = fs::read_to_string(self.folder.path().join("trace")).unwrap();

@@ -20,7 +20,8 @@ const WEST: u16 = 1;
 const EAST: u16 = 2;
 const CAP: Duration = Duration::from_millis(90);
 
-/// Returns an engine in which west has one call at a time, and its gate shuts when one request waits.
+/// Returns an engine in which west has one call at a time, and its gate shuts when one request
+/// waits.
 fn engine(policy: impl Policy + Send + 'static) -> Tested {
     beside(&header(&[WEST]), policy)
 }

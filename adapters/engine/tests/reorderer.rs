@@ -1,5 +1,5 @@
-//! Checks that items come in the order of their timestamps, and that none waits longer than its bound (E8,
-//! E9).
+//! Checks that items come in the order of their timestamps, and that none waits longer than its
+//! bound (E8, E9).
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,5 @@
-//! The machine's answers as objects of the package's own classes, which are plain Python (`_validation.py`).
+//! The machine's answers as objects of the package's own classes, which are plain Python
+//! (`_validation.py`).
 
 use fuseline_core as core;
 use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};

@@ -20,12 +20,12 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// It reads no clock.
 ///
 /// Every input first fires what is due by its instant (F5), and only then is applied (F0). So each
-/// answer is a pair: the firings in their order, then the input's own answer. Act upon a `Forwarded` or
-/// `Missed` in either.
+/// answer is a pair: the firings in their order, then the input's own answer. Act upon a
+/// `Forwarded` or `Missed` in either.
 ///
 /// Instants are whole nanoseconds of one monotonic clock, such as `time.monotonic_ns()`, exact from
-/// 0 to 2**64 - 1. A deadline is seconds as a float (rounded to the nearest nanosecond), a `timedelta`, or
-/// nanoseconds as `ns`.
+/// 0 to 2**64 - 1. A deadline is seconds as a float (rounded to the nearest nanosecond), a
+/// `timedelta`, or nanoseconds as `ns`.
 ///
 /// If several threads call it, each call is applied completely before the next.
 ///

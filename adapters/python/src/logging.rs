@@ -1,4 +1,5 @@
-//! Log lines of the engine and exceptions of handlers, in Python's `logging`, as the logger `fuseline`.
+//! Log lines of the engine and exceptions of handlers, in Python's `logging`, as the logger
+//! `fuseline`.
 
 use std::fmt::{self, Write as _};
 
@@ -12,7 +13,8 @@ use tracing::{Event, Level, Metadata, Subscriber};
 
 static LOGGER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 
-/// Forwards errors, warnings and recoveries of the engine to Python, from the recorder's thread too.
+/// Forwards errors, warnings and recoveries of the engine to Python, from the recorder's thread
+/// too.
 ///
 /// A thread that waits for that thread must release the interpreter.
 struct PythonSubscriber;

@@ -227,7 +227,8 @@ impl PyReorderer {
 
 #[pymethods]
 impl PyGate {
-    /// Creates an open gate, which shuts at `limit` waiting requests and opens again at `resume` or fewer.
+    /// Creates an open gate, which shuts at `limit` waiting requests and opens again at `resume` or
+    /// fewer.
     #[new]
     fn new(limit: Number, resume: Number) -> PyResult<Self> {
         Gate::new(limit.0, resume.0).map(Self).ok_or_else(|| {

@@ -115,7 +115,8 @@ impl PyGuard {
         Ok(Self(guard(vehicle)?))
     }
 
-    /// Returns the budgets of local and of the cloud in seconds, the case, and the longest deadline.
+    /// Returns the budgets of local and of the cloud in seconds, the case, and the longest
+    /// deadline.
     fn judge(&self, known: SituationFields) -> (f64, f64, u8, u64) {
         let (situation, under_way) = known.split();
         let situation = Situation { under_way: &under_way, ..situation };

@@ -93,7 +93,8 @@ impl Transport for NodeFusion<'_> {
     type Value = Payload;
     type Message = Payload;
 
-    /// Topics, parameters and reports take turns, so that a flood on one does not keep another from its turn.
+    /// Topics, parameters and reports take turns, so that a flood on one does not keep another from
+    /// its turn.
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Payload, Payload>> {
         if self.stop.poll_next(context).is_ready() {
             let urgent = self.stop.is_urgent();
@@ -238,8 +239,9 @@ impl Transport for NodeFusion<'_> {
 }
 
 impl NodeFusion<'_> {
-    /// Returns the lineage of an open message. Its stamp is read from the wall clock, whose steps no deadline may
-    /// follow (D13). So the age is only written and sent. The end-to-end deadline counts from the intake.
+    /// Returns the lineage of an open message. Its stamp is read from the wall clock, whose steps
+    /// no deadline may follow (D13). So the age is only written and sent. The end-to-end deadline
+    /// counts from the intake.
     fn lineage_of(&self, timestamp: u64) -> Option<Arc<Lineage>> {
         let stamp = self.memory.stamps.key(timestamp)?;
         let age = match self.input_key {

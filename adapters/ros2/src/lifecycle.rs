@@ -1,4 +1,5 @@
-//! A managed node: its states and transitions as ROS 2 defines them, with the numbers and labels of `lifecycle_msgs`.
+//! A managed node: its states and transitions as ROS 2 defines them, with the numbers and labels of
+//! `lifecycle_msgs`.
 
 mod messages;
 mod services;
@@ -168,8 +169,8 @@ impl LifecycleState {
         TRANSITIONS.into_iter().filter(move |transition| transition.from == self)
     }
 
-    /// Returns the requested transition and its task. The transition is found by its label if there is one, else by its
-    /// number; `None` if it does not begin here.
+    /// Returns the requested transition and its task. The transition is found by its label if there
+    /// is one, else by its number; `None` if it does not begin here.
     pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
         let transition = self.transitions().find(|transition| {
             if label.is_empty() { transition.id == id } else { transition.label == label }

@@ -93,8 +93,10 @@ fn log(level: Option<Level>) -> PendingLogs {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // The libraries' logs are for those who ask for them. Some log what is no error to us: that there is no multicast, as on
-    // loopback alone; that the wall clock stepped back or a participant has ended, which the node reports itself; that a sample is for nobody; each message while clocks differ; and that `/clock` has another type for `ros2-client`.
+    // The libraries' logs are for those who ask for them. Some log what is no error to us: that
+    // there is no multicast, as on loopback alone; that the wall clock stepped back or a
+    // participant has ended, which the node reports itself; that a sample is for nobody; each
+    // message while clocks differ; and that `/clock` has another type for `ros2-client`.
     let ours = format!(
         "error,fuseline_ros2={level},fuseline_engine={level},rustdds::network=off,rustdds::rtps::writer=off,\
          rustdds::structure::dds_cache=off,rustdds::dds::pubsub=off,rustdds::discovery::discovery_db=off,\

@@ -1,5 +1,5 @@
-//! A managed node: it opens its topics when it is configured, takes messages in while it is active, and closes them when
-//! it is cleaned up.
+//! A managed node: it opens its topics when it is configured, takes messages in while it is active,
+//! and closes them when it is cleaned up.
 
 use std::sync::Arc;
 

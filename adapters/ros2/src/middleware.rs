@@ -144,7 +144,8 @@ impl Graph {
         }
     }
 
-    /// Shows the node in its own middleware. Its publishers and services follow, and then [`complete`](Self::complete).
+    /// Shows the node in its own middleware. Its publishers and services follow, and then
+    /// [`complete`](Self::complete).
     pub(crate) fn show(&mut self, settings: &Settings) -> Result<(), NodeError> {
         if settings.middleware == Middleware::Dds {
             self.node = Some(RosNode::new(settings, self.dds()?.handle())?);
@@ -171,8 +172,8 @@ impl Graph {
         }
     }
 
-    /// Serves a service of the node's own, below its name, and returns its requests. Over Zenoh it is
-    /// served in `tasks`.
+    /// Serves a service of the node's own, below its name, and returns its requests. Over Zenoh it
+    /// is served in `tasks`.
     #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "they serve Zenoh"))]
     pub(crate) fn serve<Q, R>(
         &mut self,

@@ -178,11 +178,12 @@ impl NodeName {
         Ok(full)
     }
 
-    /// Returns the rules for topics that apply to none of `topics`, which have their own names here, in a sentence each.
-    /// Such a rule may be for all nodes of a launch file.
+    /// Returns the rules for topics that apply to none of `topics`, which have their own names
+    /// here, in a sentence each. Such a rule may be for all nodes of a launch file.
     ///
     /// # Errors
-    /// A rule for a name that cannot be remapped, or one for this node alone and for no topic of it; with the reason.
+    /// A rule for a name that cannot be remapped, or one for this node alone and for no topic of
+    /// it; with the reason.
     pub(crate) fn idle_rules(
         &self,
         remaps: &[Remap],

@@ -147,8 +147,8 @@ impl OpenNode<'_> {
     }
 }
 
-/// Checks whether the node could start, as far as that is known without starting it: its parameters make an operator,
-/// the files of its secrets can be read, and the folders of its recordings exist.
+/// Checks whether the node could start, as far as that is known without starting it: its parameters
+/// make an operator, the files of its secrets can be read, and the folders of its recordings exist.
 ///
 /// To be called within a tokio runtime. Nothing is opened, joined or written.
 ///

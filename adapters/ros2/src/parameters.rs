@@ -118,8 +118,8 @@ pub enum ParameterFlaw {
     Shape,
 }
 
-/// Returns the parameters that files and then assignments give to a node, by name; later ones win. Also returns, in a
-/// sentence each, the files and assignments that give this node nothing.
+/// Returns the parameters that files and then assignments give to a node, by name; later ones win.
+/// Also returns, in a sentence each, the files and assignments that give this node nothing.
 ///
 /// In a file, parameters under `/**` come first, then those under other names with wildcards, then
 /// those under the node's own name. `*` matches one part of a name, `**` any number, as in rcl.

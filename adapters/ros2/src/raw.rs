@@ -29,8 +29,8 @@ const ENCODINGS: [Encoding; 2] = [Encoding::CDR_BE, Encoding::CDR_LE];
 const ENCAPSULATION: usize = 4;
 
 thread_local! {
-    /// The byte order of the payload last given to `to_bytes`. The library queries the adapter, not the
-    /// value, for the encoding, right after the value's bytes and on the same thread.
+    /// The byte order of the payload last given to `to_bytes`. The library queries the adapter, not
+    /// the value, for the encoding, right after the value's bytes and on the same thread.
     static BIG_ENDIAN: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -48,7 +48,8 @@ impl Payload {
         [first, second, 0, 0]
     }
 
-    /// Returns the message behind an encapsulation header; none if the header is missing or not plain CDR.
+    /// Returns the message behind an encapsulation header; none if the header is missing or not
+    /// plain CDR.
     #[must_use]
     pub fn from_serialized(bytes: &Bytes) -> Option<Self> {
         let header = bytes.get(..ENCAPSULATION)?;

@@ -1,12 +1,15 @@
-//! Real-time scheduling and locked memory: both are of Linux, and only where the system grants them.
+//! Real-time scheduling and locked memory: both are of Linux, and only where the system grants
+//! them.
 //!
-//! A message that is due is answered once its thread runs. Under the usual scheduling that thread shares its core with whatever
-//! else runs there; under `SCHED_FIFO` it runs at once, before every thread without a real-time policy. A thread that waits for
-//! a page from a disk is late all the same, so memory is locked.
+//! A message that is due is answered once its thread runs. Under the usual scheduling that thread
+//! shares its core with whatever else runs there; under `SCHED_FIFO` it runs at once, before every
+//! thread without a real-time policy. A thread that waits for a page from a disk is late all the
+//! same, so memory is locked.
 
 use crate::error::NodeError;
 
-/// Locks memory, and tries whether a thread gets this priority under `SCHED_FIFO`; does nothing for 0.
+/// Locks memory, and tries whether a thread gets this priority under `SCHED_FIFO`; does nothing for
+/// 0.
 #[cfg(target_os = "linux")]
 pub(crate) fn prepare(priority: u8) -> Result<(), NodeError> {
     if priority == 0 {
@@ -17,8 +20,8 @@ pub(crate) fn prepare(priority: u8) -> Result<(), NodeError> {
     linux::lock_memory().map_err(NodeError::Realtime)
 }
 
-/// Puts the calling thread, and those that it starts from now on, under `SCHED_FIFO` with a priority from 1 to 99; does nothing
-/// for 0.
+/// Puts the calling thread, and those that it starts from now on, under `SCHED_FIFO` with a
+/// priority from 1 to 99; does nothing for 0.
 #[cfg(target_os = "linux")]
 pub(crate) fn schedule(priority: u8) -> Result<(), NodeError> {
     if priority == 0 { Ok(()) } else { linux::schedule(priority).map_err(NodeError::Realtime) }
@@ -64,8 +67,8 @@ mod linux {
         })
     }
 
-    /// Keeps all memory of the process in RAM, also what it gets later. A system that grants only a limited
-    /// number of bytes would end the process once it needs more.
+    /// Keeps all memory of the process in RAM, also what it gets later. A system that grants only a
+    /// limited number of bytes would end the process once it needs more.
     pub(super) fn lock_memory() -> Result<(), String> {
         let granted = capabilities(None).map(|granted| granted.effective);
         let may_exceed = granted.is_ok_and(|granted| granted.contains(CapabilitySet::IPC_LOCK));
@@ -89,7 +92,8 @@ mod tests {
     /// Returns the calling thread's real-time priority and policy; `SCHED_FIFO` is 1.
     fn scheduling() -> (u8, u8) {
         let stat = fs::read_to_string("/proc/thread-self/stat").unwrap();
-        // Its name, in brackets, may have spaces; fields 40 and 41 of proc_pid_stat(5), the state being the third.
+        // Its name, in brackets, may have spaces; fields 40 and 41 of proc_pid_stat(5), the state
+        // being the third.
         let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
         (fields[37].parse().unwrap(), fields[38].parse().unwrap())
     }

@@ -1,4 +1,5 @@
-//! The node's recordings. A file that is there already is kept, for it may tell of a crash: the next one has a number.
+//! The node's recordings. A file that is there already is kept, for it may tell of a crash: the
+//! next one has a number.
 
 use std::fs::{self, OpenOptions};
 use std::io;
@@ -13,8 +14,8 @@ use tracing::warn;
 use crate::error::NodeError;
 use crate::settings::Settings;
 
-/// The files that were created. They are removed with this, unless the node started: a start that fails again and again
-/// leaves nothing behind.
+/// The files that were created. They are removed with this, unless the node started: a start that
+/// fails again and again leaves nothing behind.
 pub(crate) struct CreatedFiles(Vec<PathBuf>);
 
 impl CreatedFiles {
@@ -122,8 +123,8 @@ fn claimed(given: [Option<&Path>; 2]) -> Result<([Option<PathBuf>; 2], CreatedFi
     }
 }
 
-/// Creates a file that is not there yet, also if another node tries it at this moment; false for what is no file, such as
-/// a pipe, which is written to as it is.
+/// Creates a file that is not there yet, also if another node tries it at this moment; false for
+/// what is no file, such as a pipe, which is written to as it is.
 fn create(path: &Path) -> io::Result<bool> {
     if is_special(path) {
         return Ok(false);

@@ -98,8 +98,8 @@ impl Reporter {
         Self { node: node.into(), reported: tally, intake: NodeCounts::default(), unmatched }
     }
 
-    /// Returns the state of the node, of local and of each cloud in the period that ends now. Counts are
-    /// since the start; `blind` says that policies know no speed.
+    /// Returns the state of the node, of local and of each cloud in the period that ends now.
+    /// Counts are since the start; `blind` says that policies know no speed.
     pub(crate) fn period(
         &mut self,
         tally: Tally,

@@ -8,8 +8,8 @@ use crate::settings::Settings;
 use crate::stop::Stop;
 use crate::{managed, node};
 
-/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes to
-/// `/rosout`.
+/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes
+/// to `/rosout`.
 ///
 /// Call it within a tokio runtime.
 ///

@@ -122,7 +122,8 @@ pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
     }))
 }
 
-/// Reads the certificates that are trusted. With none, each call would fail for a reason that does not name the file.
+/// Reads the certificates that are trusted. With none, each call would fail for a reason that does
+/// not name the file.
 fn certificates(path: &std::path::Path) -> Result<Vec<u8>, GrpcError> {
     let bytes = read(path)?;
     if String::from_utf8_lossy(&bytes).contains("-----BEGIN CERTIFICATE-----") {

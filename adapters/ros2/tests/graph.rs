@@ -80,15 +80,16 @@ fn settings(domain: u16, set: &[&str]) -> Settings {
     Settings::from(&Arguments::parse(args).unwrap(), |_| None).unwrap()
 }
 
-/// A domain of the test's own, also beside another run of the tests. Greater ones need ports that the system gives away.
+/// A domain of the test's own, also beside another run of the tests. Greater ones need ports that
+/// the system gives away.
 fn domain(test: u32) -> u16 {
     u16::try_from(40 + (std::process::id() * 4 + test) % 60).unwrap()
 }
 
 /// Waits for a peer.
 ///
-/// `ros2-client` queues eight events of discovery for who waits, and drops the others: on a busy host the one that matters
-/// may be among them. A new wait looks at first who is there.
+/// `ros2-client` queues eight events of discovery for who waits, and drops the others: on a busy
+/// host the one that matters may be among them. A new wait looks at first who is there.
 async fn met<F: Future<Output = ()>>(wait: impl Fn() -> F) -> Result<(), Any> {
     let again = async { while timeout(Duration::from_millis(200), wait()).await.is_err() {} };
     Ok(timeout(LONG, again).await?)

@@ -1,6 +1,6 @@
-//! A multi-threaded executor without an async runtime. One thread computes local, one thread for each cloud
-//! returns its results, and one thread serves all timers. The thread that gets `Forwarded` sends the output.
-//! Run it with `cargo run -p fuseline-threads --example executor`.
+//! A multi-threaded executor without an async runtime. One thread computes local, one thread for
+//! each cloud returns its results, and one thread serves all timers. The thread that gets
+//! `Forwarded` sends the output. Run it with `cargo run -p fuseline-threads --example executor`.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;

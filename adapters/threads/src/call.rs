@@ -1,4 +1,5 @@
-//! [`Message`] fires one message's timers. A [`Call`] gives one result or one failure of one source.
+//! [`Message`] fires one message's timers. A [`Call`] gives one result or one failure of one
+//! source.
 //!
 //! Both come from [`ValueOwner`](crate::ValueOwner), and any thread may hold them.
 
@@ -20,8 +21,8 @@ pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 
 /// Gives one result or one failure of one source for one message.
 ///
-/// A call that is dropped gives neither. Its request is then closed by its timer; local's is closed by its
-/// deadline, if it has one.
+/// A call that is dropped gives neither. Its request is then closed by its timer; local's is closed
+/// by its deadline, if it has one.
 #[must_use = "the message waits for it"]
 pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) message: Message<'a, T, CLOUDS, WINDOW>,
@@ -49,14 +50,15 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         self.id.timestamp()
     }
 
-    /// Returns the earliest due instant of the message's timers, as [`SharedHandle::next_due`] does.
+    /// Returns the earliest due instant of the message's timers, as [`SharedHandle::next_due`]
+    /// does.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.handle.next_due(self.id)
     }
 
-    /// Fires the timers that are due by `now` (F5). Returns the firing, if there is one, and the value to
-    /// send downstream if the firing forwards one.
+    /// Fires the timers that are due by `now` (F5). Returns the firing, if there is one, and the
+    /// value to send downstream if the firing forwards one.
     #[must_use = "a forwarded value must be sent"]
     pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
         let firing = self.handle.expire(now, self.id)?;
@@ -89,8 +91,8 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     pub fn result(self, now: Instant, value: T) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
         let Message { handle, id, cells } = &message;
-        // The value is stored before the machine learns of it, because any thread may forward a held result
-        // at once.
+        // The value is stored before the machine learns of it, because any thread may forward a
+        // held result at once.
         cells.put(source, value);
         let (fired, outcome) = handle.result(now, *id, handle.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();

@@ -1,7 +1,7 @@
 //! [`SharedHandle`]: takes results, failures and ticks from any thread, without a lock.
 //!
-//! Each call changes the state of one message, which is packed into one word, by compare-and-swap. Only the
-//! [`Owner`](crate::Owner) opens messages and makes requests.
+//! Each call changes the state of one message, which is packed into one word, by compare-and-swap.
+//! Only the [`Owner`](crate::Owner) opens messages and makes requests.
 
 use core::sync::atomic::Ordering;
 
@@ -20,10 +20,10 @@ use crate::packed::PackedSlot;
 
 /// Takes results, failures and ticks from any thread.
 ///
-/// Each call names its message and an instant of the caller's own clock. It first fires the timers of that
-/// message that are due by then, and returns that firing. If timers were due at several instants, the firing
-/// has all of them, with the last due instant and its outcome. The caller that gets `Forwarded`, in a firing
-/// or an outcome, sends the output; exactly one caller does.
+/// Each call names its message and an instant of the caller's own clock. It first fires the timers
+/// of that message that are due by then, and returns that firing. If timers were due at several
+/// instants, the firing has all of them, with the last due instant and its outcome. The caller that
+/// gets `Forwarded`, in a firing or an outcome, sends the output; exactly one caller does.
 ///
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
 /// - queries: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
@@ -43,8 +43,9 @@ pub(crate) struct WindowSlot<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
-    /// The greatest number of changes to an open timestamp: each cloud is requested once, each source stops
-    /// being pending once, and the last of these changes retires it. An exchange fails only after a change.
+    /// The greatest number of changes to an open timestamp: each cloud is requested once, each
+    /// source stops being pending once, and the last of these changes retires it. An exchange fails
+    /// only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 
     pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
@@ -61,8 +62,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         self.close(now, message_id, source, Cause::Result)
     }
 
-    /// Reports that no result will come from a source (F4). Returns the timers that fired first, and the
-    /// outcome.
+    /// Reports that no result will come from a source (F4). Returns the timers that fired first,
+    /// and the outcome.
     pub fn fail(
         &self,
         now: Instant,
@@ -72,8 +73,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         self.close(now, message_id, source, Cause::Failure)
     }
 
-    /// Fires the message's timers that are due by `now` (F5). Returns `None` if none is due or the message is
-    /// no longer open.
+    /// Fires the message's timers that are due by `now` (F5). Returns `None` if none is due or the
+    /// message is no longer open.
     #[must_use = "a firing may forward a result"]
     pub fn expire(&self, now: Instant, message_id: MessageId) -> Option<Firing<CLOUDS>> {
         let fired = self.exchange(message_id, |_, mut entry| {
@@ -83,15 +84,15 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         fired.flatten()
     }
 
-    /// Returns the earliest due instant of the message's timers, or `None` if none is armed. A call of
-    /// another thread may change it at any time.
+    /// Returns the earliest due instant of the message's timers, or `None` if none is armed. A call
+    /// of another thread may change it at any time.
     #[must_use]
     pub fn next_due(&self, message_id: MessageId) -> Option<Instant> {
         self.exchange(message_id, |_, entry| (entry.slot(), entry.next_due())).flatten()
     }
 
-    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
-    /// local.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority
+    /// 0 is local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
@@ -152,8 +153,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         })
     }
 
-    /// Replaces the message's state by the one that `decide` returns, as one atomic step, and returns its
-    /// answer. Returns `None` if the message is no longer open.
+    /// Replaces the message's state by the one that `decide` returns, as one atomic step, and
+    /// returns its answer. Returns `None` if the message is no longer open.
     ///
     /// No state recurs within a generation, and the due instant of a requested source does not
     /// change. So if the word is unchanged, everything that `decide` saw is unchanged too.

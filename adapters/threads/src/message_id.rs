@@ -2,7 +2,8 @@
 
 use fuseline_core::Timestamp;
 
-/// Identifies one open message of the machine that opened it. Using it with another machine is not detected.
+/// Identifies one open message of the machine that opened it. Using it with another machine is not
+/// detected.
 // The C interface has it as three integers in this order.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -19,7 +20,8 @@ impl MessageId {
         self.timestamp
     }
 
-    /// Returns the message's index, which is less than the window. No other open message has the same index.
+    /// Returns the message's index, which is less than the window. No other open message has the
+    /// same index.
     #[must_use]
     pub const fn place(self) -> usize {
         self.index

@@ -13,8 +13,8 @@ use crate::packed::PackedSlot;
 
 /// Opens timestamps and offers requests, while other threads use the [`SharedHandle`].
 ///
-/// There is one owner at a time, and it cannot be cloned: two owners might write the same request's due
-/// instant.
+/// There is one owner at a time, and it cannot be cloned: two owners might write the same request's
+/// due instant.
 #[derive(Debug)]
 pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
@@ -47,12 +47,13 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
 
     /// Opens a message with this timestamp (F1).
     ///
-    /// `deadline` is how long local may take, or `None` if that is not bounded. The call looks at each slot
-    /// at most once, and at only one if messages are retired in the order in which they were opened.
+    /// `deadline` is how long local may take, or `None` if that is not bounded. The call looks at
+    /// each slot at most once, and at only one if messages are retired in the order in which they
+    /// were opened.
     ///
     /// # Errors
-    /// Returns the first [`OpenRefusal`] that holds. Another thread may retire a message meanwhile, so `Full`
-    /// may no longer hold when the call returns.
+    /// Returns the first [`OpenRefusal`] that holds. Another thread may retire a message meanwhile,
+    /// so `Full` may no longer hold when the call returns.
     pub fn open(
         &mut self,
         now: Instant,
@@ -78,11 +79,11 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         Ok(MessageId { timestamp, generation: packed.generation(), index })
     }
 
-    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired first, as
-    /// [`SharedHandle::expire`] does.
+    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired
+    /// first, as [`SharedHandle::expire`] does.
     ///
-    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
-    /// without this message.
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing
+    /// queue without this message.
     pub fn offer(
         &mut self,
         now: Instant,
@@ -100,7 +101,8 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         };
         let answer = handle.exchange(message_id, |window_slot, mut entry| {
             let fired = handle.fire(now, message_id, &mut entry);
-            // Each attempt starts from the unchanged gate, so an offer moves the gate at most once (F2g).
+            // Each attempt starts from the unchanged gate, so an offer moves the gate at most once
+            // (F2g).
             let mut after = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut after, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {

@@ -2,8 +2,8 @@
 
 use fuseline_core::{Commit, Slot, Sources};
 
-/// The first bits of all sources come first, then their second bits, then the generation, which is odd while
-/// the slot is open.
+/// The first bits of all sources come first, then their second bits, then the generation, which is
+/// odd while the slot is open.
 ///
 /// | bits | a cloud is | local is |
 /// |---|---|---|

@@ -16,7 +16,8 @@ use crate::shared::Shared;
 
 /// Opens messages and offers requests like [`Owner`], and stores the results' values of type `T`.
 ///
-/// Threads that outlive the function that made the machine need a `'static` machine, as from `Box::leak`.
+/// Threads that outlive the function that made the machine need a `'static` machine, as from
+/// `Box::leak`.
 pub struct ValueOwner<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
@@ -56,11 +57,11 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         Ok((message, call))
     }
 
-    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired first, as
-    /// [`Message::expire`] does, then the call and its due instant.
+    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired
+    /// first, as [`Message::expire`] does, then the call and its due instant.
     ///
-    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
-    /// without this message.
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing
+    /// queue without this message.
     ///
     /// # Errors
     /// The inner result is the first [`OfferRefusal`] that holds.

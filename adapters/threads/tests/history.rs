@@ -86,7 +86,8 @@ fn part(call: impl Strategy<Value = Timed>) -> impl Strategy<Value = ThreadScrip
 proptest! {
     #![proptest_config(ProptestConfig { cases: 4_000, ..ProptestConfig::default() })]
 
-    /// Whatever threads do, some order of the pure step gives the same answers (P1–P4, P8, P11, F0–F7).
+    /// Whatever threads do, some order of the pure step gives the same answers (P1–P4, P8, P11,
+    /// F0–F7).
     #[test]
     fn f8_every_race_is_some_order_of_the_pure_step(
         commit in prop::sample::select(&[Commit::Eager, Commit::Patient, Commit::Progressive][..]),

@@ -1,5 +1,6 @@
-//! Explores all interleavings of a few threads at the machine, with at most three preemptions. Each is some
-//! order of the pure step, and each order of the calls occurs. Run with `RUSTFLAGS="--cfg loom"`.
+//! Explores all interleavings of a few threads at the machine, with at most three preemptions. Each
+//! is some order of the pure step, and each order of the calls occurs. Run with
+//! `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
 mod common;
@@ -44,8 +45,8 @@ const fn next_due(t: u64) -> Timed {
     (0, CallInput::NextDue { t })
 }
 
-/// The calls of threads: first the owner alone, then all at once, with the owner first among them, then the
-/// owner alone.
+/// The calls of threads: first the owner alone, then all at once, with the owner first among them,
+/// then the owner alone.
 struct Race {
     before: &'static [Timed],
     threads: &'static [&'static [Timed]],
@@ -258,7 +259,8 @@ fn p11_a_drop_races_the_reuse_of_its_place() {
     RACE.check::<2, 1>();
 }
 
-/// The request's timer is live from the instant at which it counts, with its own due instant (F2, P8).
+/// The request's timer is live from the instant at which it counts, with its own due instant (F2,
+/// P8).
 #[test]
 fn p8_an_offer_races_a_tick() {
     static RACE: Race = Race {

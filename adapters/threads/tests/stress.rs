@@ -1,5 +1,5 @@
-//! Sends thousands of messages through the machine on real threads, with values. Each has one ending, and no
-//! value is lost.
+//! Sends thousands of messages through the machine on real threads, with values. Each has one
+//! ending, and no value is lost.
 #![cfg(not(loom))]
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};

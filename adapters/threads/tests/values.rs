@@ -1,5 +1,6 @@
-//! Explores all interleavings of a few threads that bring values, with at most three preemptions. The caller
-//! that gets `Forwarded` gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
+//! Explores all interleavings of a few threads that bring values, with at most three preemptions.
+//! The caller that gets `Forwarded` gets the winner's value, and no value is lost. Run with
+//! `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
 #[path = "common/turn.rs"]
@@ -38,7 +39,8 @@ fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
 type Intake = ValueOwner<'static, &'static str, 1, 1>;
 type Reply = CallOutcome<&'static str, 1>;
 
-/// A message whose local result another thread brings at 9, and whose request to the cloud is due at 10.
+/// A message whose local result another thread brings at 9, and whose request to the cloud is due
+/// at 10.
 struct Race {
     intake: Intake,
     message: Message<'static, &'static str, 1, 1>,

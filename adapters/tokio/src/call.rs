@@ -14,8 +14,8 @@ use crate::side_counts::SideCounts;
 pub struct Call {
     /// The message's timestamp.
     pub timestamp: u64,
-    /// The time left for the call: the request's deadline, less the time in the queue, plus the time to
-    /// [linger](crate::Cloud::linger).
+    /// The time left for the call: the request's deadline, less the time in the queue, plus the
+    /// time to [linger](crate::Cloud::linger).
     pub deadline: Duration,
     /// The lineage of the message, if the message was written with one.
     pub lineage: Option<Arc<Lineage>>,
@@ -30,7 +30,8 @@ pub(crate) enum ByteCounter {
 }
 
 impl Call {
-    /// Returns a call for a handle that you drive yourself. The bytes that it sends are counted for cloud `priority`.
+    /// Returns a call for a handle that you drive yourself. The bytes that it sends are counted for
+    /// cloud `priority`.
     #[must_use]
     pub const fn new(
         timestamp: u64,

@@ -15,7 +15,8 @@ use crate::Error;
 use crate::call::Call;
 use crate::panics::panicked;
 
-/// Encodes each message once for all clouds of an operator, on one of the runtime's threads for blocking work.
+/// Encodes each message once for all clouds of an operator, on one of the runtime's threads for
+/// blocking work.
 ///
 /// The first call of a message begins the encoding. The others wait for it and get clones of the
 /// request. Encoding holds up neither the operator nor other calls. It takes time from the
@@ -39,8 +40,8 @@ use crate::panics::panicked;
 /// ```
 pub struct EncodeOnce<Raw, Req>(Arc<EncodeOnceState<Raw, Req>>);
 
-/// A request that is encoded once, for all calls of its message; it goes from [`EncodeOnce::message_handler`] to
-/// [`EncodeOnce::handle`].
+/// A request that is encoded once, for all calls of its message; it goes from
+/// [`EncodeOnce::message_handler`] to [`EncodeOnce::handle`].
 #[derive(Clone)]
 pub struct EncodedRequest<Req>(SharedEncoding<Req>);
 

@@ -12,11 +12,13 @@ use crate::stream::{Reader, StreamMessage};
 pub type Items<O> = Reader<Item<O>>;
 
 impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {
-    /// Returns this reader without preliminary items: it gives one item for each message, under progressive too.
+    /// Returns this reader without preliminary items: it gives one item for each message, under
+    /// progressive too.
     ///
-    /// The reader keeps at most one preliminary item for each open message. If no better result comes, it gives that item as
-    /// forwarded once it is final. The value is copied if other readers share it. A preliminary item that was read before this
-    /// call is not given again: the item of its message is then final, without a value.
+    /// The reader keeps at most one preliminary item for each open message. If no better result
+    /// comes, it gives that item as forwarded once it is final. The value is copied if other
+    /// readers share it. A preliminary item that was read before this call is not given again: the
+    /// item of its message is then final, without a value.
     #[must_use]
     pub fn last_only(mut self) -> Self {
         let mut preliminary = BTreeMap::<u64, Arc<Item<O>>>::new();

@@ -55,5 +55,6 @@ pub use stream::{Reader, WriteError, Writer, stream};
 #[cfg(feature = "prometheus")]
 pub use metrics_exporter_prometheus::BuildError;
 
-/// The reason why a call, a handler or a computation has no result; any error converts by `?` or `into`.
+/// The reason why a call, a handler or a computation has no result; any error converts by `?` or
+/// `into`.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;

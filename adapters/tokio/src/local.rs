@@ -100,8 +100,9 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
 
     /// Computes with a blocking function on each of `at_once` (at least 1) threads.
     ///
-    /// `make` returns the function for one thread, with its own state. It is called again for a thread that is
-    /// [replaced](Self::replaceable). A computation of 300 ms needs four threads to keep pace with ten messages a second.
+    /// `make` returns the function for one thread, with its own state. It is called again for a
+    /// thread that is [replaced](Self::replaceable). A computation of 300 ms needs four threads to
+    /// keep pace with ten messages a second.
     ///
     /// ```
     /// # use std::time::Duration;

@@ -65,10 +65,10 @@ pub struct Config {
     /// The greatest delay of a timer, and the longest time that a handler may run without a pause,
     /// that is not counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline that a request or local may have; 60 s by default. A longer one,
-    /// such as milliseconds that were read as seconds, is refused: local's deadline at the start, an
-    /// offer as `deadline`, with a warning for the first (F2, A14). If a policy chooses deadlines, this
-    /// is the greatest that it may choose.
+    /// The longest deadline that a request or local may have; 60 s by default. A longer one, such
+    /// as milliseconds that were read as seconds, is refused: local's deadline at the start, an
+    /// offer as `deadline`, with a warning for the first (F2, A14). If a policy chooses deadlines,
+    /// this is the greatest that it may choose.
     pub greatest_deadline: Duration,
     /// The file in which the run is recorded; none by default.
     pub trace: Option<Trace>,
@@ -185,8 +185,9 @@ pub enum JoinError {
 
 /// Starts an operator on the current runtime, and returns its handle and its output stream.
 ///
-/// The operator reads its messages from `input`. When `input` ends, the operator answers every open message, and then ends
-/// its output and its trace. A message whose local computation never ends stays open if local has no deadline (A9).
+/// The operator reads its messages from `input`. When `input` ends, the operator answers every open
+/// message, and then ends its output and its trace. A message whose local computation never ends
+/// stays open if local has no deadline (A9).
 ///
 /// ```
 /// use fuseline_tokio::{Config, Error, Local, Operator, Setup, spawn, stream};

@@ -65,16 +65,19 @@ impl<I, O: Send + 'static> Setup<I, O> {
 
     /// Registers a cloud, and returns its [`Cloud`], in which you set its name and bounds.
     ///
-    /// - `message_handler` gets each accepted message and its timestamp, in the operator's task. It returns the request and
-    ///   its deadline, or `None` to send no request for this message. A panic sends none either.
-    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call, because the operator drops it
-    ///   when the request is due or another result is forwarded (F5, F7). An error or a panic is a failure (F4).
-    /// - `response_handler` turns the response into the output, in the call's task. The result counts as arrived when the
-    ///   handler returns. An error or a panic is a failure (F4).
+    /// - `message_handler` gets each accepted message and its timestamp, in the operator's task. It
+    ///   returns the request and its deadline, or `None` to send no request for this message. A
+    ///   panic sends none either.
+    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call,
+    ///   because the operator drops it when the request is due or another result is forwarded (F5,
+    ///   F7). An error or a panic is a failure (F4).
+    /// - `response_handler` turns the response into the output, in the call's task. The result
+    ///   counts as arrived when the handler returns. An error or a panic is a failure (F4).
     /// - `priority` is from 1 to 65535 and different for each cloud. The greater priority wins.
     ///
-    /// No handler may block: it would delay the calls that share its thread, and on a runtime of one thread the operator.
-    /// [`EncodeOnce`](crate::EncodeOnce) encodes requests in a thread. Section 3 of `SPEC.md` defines the rules F1 to F9.
+    /// No handler may block: it would delay the calls that share its thread, and on a runtime of
+    /// one thread the operator. [`EncodeOnce`](crate::EncodeOnce) encodes requests in a thread.
+    /// Section 3 of `SPEC.md` defines the rules F1 to F9.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -114,12 +117,13 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Registers a cloud whose responses name the message that their value was computed from.
     /// Otherwise it works as [`use_cloud`](Self::use_cloud) does.
     ///
-    /// `response_handler` reads the timestamp of that message from the response and returns it in the field `of`. It must
-    /// not use the timestamp of the call, which says nothing about a mixed-up response. The oldest message counts for a blend
-    /// of values. A value of an older message than [`Cloud::max_age`] allows is a failure (F4).
+    /// `response_handler` reads the timestamp of that message from the response and returns it in
+    /// the field `of`. It must not use the timestamp of the call, which says nothing about a
+    /// mixed-up response. The oldest message counts for a blend of values. A value of an older
+    /// message than [`Cloud::max_age`] allows is a failure (F4).
     ///
-    /// The field `meant_for` may say which message the value is meant for. A value that is meant for another message is a
-    /// failure, too (D18).
+    /// The field `meant_for` may say which message the value is meant for. A value that is meant
+    /// for another message is a failure, too (D18).
     ///
     /// ```
     /// # use std::time::Duration;
@@ -164,7 +168,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Sets the function that gives the clouds' policies the vehicle's situation, above all its
     /// speed, for each accepted message. Without it nothing is known, and the guard takes no risk.
     ///
-    /// It is called in the operator's task and must not block. After a panic the situation is unknown.
+    /// It is called in the operator's task and must not block. After a panic the situation is
+    /// unknown.
     pub fn use_situation(
         &mut self,
         situation: impl FnMut(&I, u64) -> Situation<'static> + Send + 'static,
@@ -173,13 +178,17 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Registers side requests, whose answers help local with later messages and never become an output.
+    /// Registers side requests, whose answers help local with later messages and never become an
+    /// output.
     ///
     /// The machine does not know of side requests, so no output waits for an answer. A request by
-    /// [`use_cloud`](Self::use_cloud) holds local's result back until it is answered, fails or is due (F3).
+    /// [`use_cloud`](Self::use_cloud) holds local's result back until it is answered, fails or is
+    /// due (F3).
     ///
-    /// - `handle` makes the call, as for a cloud. Its future is dropped when the deadline or the operator ends.
-    /// - `message_handler` gets each accepted message after the clouds' handlers, and must not block. `None` makes no call.
+    /// - `handle` makes the call, as for a cloud. Its future is dropped when the deadline or the
+    ///   operator ends.
+    /// - `message_handler` gets each accepted message after the clouds' handlers, and must not
+    ///   block. `None` makes no call.
     /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
     ///   [shared](crate::SharedState) state. `Ok` counts as answered, and an error as failed.
     ///
@@ -235,12 +244,13 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.sides[last].side
     }
 
-    /// Sets the function that gets each result that came too late for its message, with its age, so that local can use it
-    /// for later messages. A hint never becomes an output.
+    /// Sets the function that gets each result that came too late for its message, with its age, so
+    /// that local can use it for later messages. A hint never becomes an output.
     ///
-    /// The function gets results that were dropped as `late` or `superseded`, local's too, if their message is one of the
-    /// last 1024. An aborted call has no result, so set how long a cloud's calls [linger](Cloud::linger). `take_hint` is
-    /// called in the operator's task and must not block.
+    /// The function gets results that were dropped as `late` or `superseded`, local's too, if their
+    /// message is one of the last 1024. An aborted call has no result, so set how long a cloud's
+    /// calls [linger](Cloud::linger). `take_hint` is called in the operator's task and must not
+    /// block.
     ///
     /// ```
     /// # use fuseline_tokio::{Hint, Setup, SharedState};
@@ -255,10 +265,11 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Updates `state` with each result that is sent, local's or a cloud's (E10). `state_of` reads the new state from the
-    /// output.
+    /// Updates `state` with each result that is sent, local's or a cloud's (E10). `state_of` reads
+    /// the new state from the output.
     ///
-    /// `state_of` is called in the operator's task and must not block. After a panic the state stays as it was.
+    /// `state_of` is called in the operator's task and must not block. After a panic the state
+    /// stays as it was.
     pub fn use_state<S: Clone + Send + 'static>(
         &mut self,
         state: &CarriedState<S>,
@@ -269,12 +280,14 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Sets the function that returns the value to send for a message that is missed or refused, such as the last plan or a
-    /// safe stop (E4). The item is [marked](Item::substitute); its ending and the trace stay as they are.
+    /// Sets the function that returns the value to send for a message that is missed or refused,
+    /// such as the last plan or a safe stop (E4). The item is [marked](Item::substitute); its
+    /// ending and the trace stay as they are.
     ///
-    /// A message with an [end-to-end deadline](crate::Lineage::within) is then missed early enough to leave the
-    /// [reserve](crate::Config::reserve) to the operators downstream. `substitute` gets the item, is called in the operator's
-    /// task and must not block. `None` or a panic sends the item without a value.
+    /// A message with an [end-to-end deadline](crate::Lineage::within) is then missed early enough
+    /// to leave the [reserve](crate::Config::reserve) to the operators downstream. `substitute`
+    /// gets the item, is called in the operator's task and must not block. `None` or a panic sends
+    /// the item without a value.
     ///
     /// ```
     /// # use fuseline_tokio::Setup;

@@ -1,7 +1,7 @@
 //! Side requests: calls whose answers change shared state and never become an output.
 //!
-//! [`Setup::use_side_request`](crate::Setup::use_side_request) registers them. The machine does not know of them, so no item
-//! waits for one.
+//! [`Setup::use_side_request`](crate::Setup::use_side_request) registers them. The machine does not
+//! know of them, so no item waits for one.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

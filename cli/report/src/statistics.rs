@@ -302,7 +302,8 @@ impl TraceStatistics {
         story.map_or(TimestampOutcome::Unopened, |story| outcome(story, &self.priorities))
     }
 
-    /// Returns the outcome of a request as its index in [`COLUMNS`], or `None` if there was no request.
+    /// Returns the outcome of a request as its index in [`COLUMNS`], or `None` if there was no
+    /// request.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
         let story = self.stories.get(t).filter(|story| story.is_message())?;

@@ -147,7 +147,8 @@ impl TracePage<'_> {
         self.end(|judging| (judging.finish_ended(), false)).0
     }
 
-    /// Finishes the page of a trace that may go on or was cut short; see [`TraceJudge::finish_early`].
+    /// Finishes the page of a trace that may go on or was cut short; see
+    /// [`TraceJudge::finish_early`].
     #[must_use = "whether it conforms"]
     pub fn finish_early(self) -> (Verdict, bool) {
         self.end(TraceJudge::finish_early)

@@ -21,7 +21,8 @@ enum RequestFate {
 #[derive(Default)]
 struct RecountedMessage {
     opened: u64,
-    /// The source whose result was sent last, and when the message ended; none of the first if it was missed.
+    /// The source whose result was sent last, and when the message ended; none of the first if it
+    /// was missed.
     last: Option<(u64, u64)>,
     end: Option<(Option<u64>, u64)>,
     /// By source; local is 0.
@@ -33,7 +34,8 @@ struct RecountedMessage {
 #[derive(Default)]
 struct Recount {
     messages: BTreeMap<u64, RecountedMessage>,
-    /// The instants at which each source's first result for each timestamp came, whatever became of it.
+    /// The instants at which each source's first result for each timestamp came, whatever became of
+    /// it.
     arrived: BTreeMap<(u64, u64), u64>,
     refused_messages: u64,
     refused: BTreeMap<u64, u64>,

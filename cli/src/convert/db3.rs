@@ -9,7 +9,8 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension};
 
 use crate::convert::topics::Recording;
 
-/// The number of messages that one statement reads, since preparing it takes longer than reading one.
+/// The number of messages that one statement reads, since preparing it takes longer than reading
+/// one.
 const AHEAD: usize = 256;
 /// The length above which a message is read by itself, so that few bytes are held.
 const SHORT: usize = 64 << 10;
@@ -69,7 +70,8 @@ impl Db3Messages {
             if let Some(topic) = names.iter().position(|known| *known == name) {
                 let (of, data): (String, Option<String>) = (row.get(2)?, row.get(5)?);
                 let stored: Option<String> = row.get(4)?;
-                // The file stores no definition of a service's events, but the fields at their beginning are known.
+                // The file stores no definition of a service's events, but the fields at their
+                // beginning are known.
                 let event = of.ends_with("_Event").then(|| "ros2msg".to_owned());
                 let schema = stored.or(event).map(|encoding| {
                     let data = data.unwrap_or_default().into_bytes();
@@ -94,7 +96,8 @@ impl Db3Messages {
     fn next(&mut self) -> Result<Option<RawMessage>, String> {
         if self.ahead.is_empty() {
             let read = self.read_ahead();
-            // The next statement fails at the same row, after the messages before it are handed over.
+            // The next statement fails at the same row, after the messages before it are handed
+            // over.
             read.or_else(
                 |error| if self.ahead.is_empty() { Err(error.to_string()) } else { Ok(()) },
             )?;
@@ -124,7 +127,8 @@ impl Db3Messages {
         Ok(())
     }
 
-    /// Returns what a message holds, or `None` if it holds nothing or is longer than a record may be.
+    /// Returns what a message holds, or `None` if it holds nothing or is longer than a record may
+    /// be.
     fn long(&self, id: i64) -> Result<Option<Vec<u8>>, rusqlite::Error> {
         let data = format!(
             "SELECT CASE WHEN length(data) <= {RECORD} THEN data END AS data FROM messages WHERE id = ?1"

@@ -10,7 +10,8 @@ use crate::convert::notes::listed;
 use crate::convert::row::Place;
 use crate::convert::time::{self, Id};
 
-/// An event as the log has it: instants may be negative, messages may have texts for ids, an output may lack its source.
+/// An event as the log has it: instants may be negative, messages may have texts for ids, an output
+/// may lack its source.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Entry {
     pub(super) place: Place,
@@ -27,7 +28,8 @@ pub(super) struct Entry {
     pub(super) more: Vec<(&'static str, String)>,
 }
 
-/// The sources of a log: those of the header, or, if there is no header yet, whatever the log names.
+/// The sources of a log: those of the header, or, if there is no header yet, whatever the log
+/// names.
 #[derive(Clone, Debug)]
 pub(super) struct Sources {
     known: BTreeMap<String, u64>,
@@ -80,7 +82,8 @@ impl Entry {
 }
 
 impl Sources {
-    /// Returns the sources of a header, or any name if there is none yet; `locals` are local's names.
+    /// Returns the sources of a header, or any name if there is none yet; `locals` are local's
+    /// names.
     pub(super) fn new(header: Option<&Header>, locals: &[String]) -> Self {
         let clouds = header.into_iter().flat_map(|header| &header.clouds);
         let named = clouds.map(|cloud| {
@@ -100,7 +103,8 @@ impl Sources {
         self.locals.iter().find(|(_, is_seen)| !**is_seen).map(|(name, _)| &**name)
     }
 
-    /// Returns the sources found, in the order of their first appearance, without local; as the log calls them.
+    /// Returns the sources found, in the order of their first appearance, without local; as the log
+    /// calls them.
     pub(super) fn found(&self) -> &[String] {
         self.found.as_deref().unwrap_or_default()
     }

@@ -1,4 +1,5 @@
-//! `--explain`: one screen of what was understood of a log, and the commands that convert and judge it.
+//! `--explain`: one screen of what was understood of a log, and the commands that convert and judge
+//! it.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;

@@ -97,7 +97,8 @@ fn parts(folder: &Path) -> Option<Vec<PathBuf>> {
     Some(files)
 }
 
-/// Returns the files that a folder's `metadata.yaml` lists; a file that was packed since has another ending.
+/// Returns the files that a folder's `metadata.yaml` lists; a file that was packed since has
+/// another ending.
 fn listed(folder: &Path) -> Option<Vec<PathBuf>> {
     let text = fs::read_to_string(folder.join("metadata.yaml")).ok()?;
     let lines = text.lines().map(str::trim).skip_while(|line| *line != "relative_file_paths:");
@@ -176,7 +177,8 @@ impl LogFile {
         })
     }
 
-    /// Returns a path by which a library can open it that reads files alone; what is packed gets one for now.
+    /// Returns a path by which a library can open it that reads files alone; what is packed gets
+    /// one for now.
     pub(super) fn on_disk(&self) -> Result<(PathBuf, Option<tempfile::NamedTempFile>), Fault> {
         let read = |error: io::Error| self.problem(&error);
         let mut start = [0; 4];

@@ -1,4 +1,5 @@
-//! `--frame`: rows that have a frame each, with columns for each source; each event of a frame is a view of its row.
+//! `--frame`: rows that have a frame each, with columns for each source; each event of a frame is a
+//! view of its row.
 
 use crate::convert::key::word;
 use crate::convert::mapping::{Named, View, ViewKind};
@@ -18,8 +19,8 @@ pub(super) struct FrameColumn {
 const OF_FRAME: [&str; 6] = ["t", "open", "within", "emit", "by", "miss"];
 /// The keys of each source of a frame.
 const OF_SOURCE: [&str; 6] = ["request", "deadline", "result", "fail", "of", "for"];
-/// The events, those of one instant in this order, and what else says something of each: the key of the trace, and the word for it
-/// of the frame itself, of local, or of the event's own source.
+/// The events, those of one instant in this order, and what else says something of each: the key of
+/// the trace, and the word for it of the frame itself, of local, or of the event's own source.
 const EVENTS: [(&str, &[FramePart]); 6] = [
     ("open", &[("within", Whose::Frame, "within"), ("deadline", Whose::Local, "deadline")]),
     ("request", &[("deadline", Whose::Own, "deadline")]),

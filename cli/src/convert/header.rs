@@ -28,8 +28,8 @@ impl From<HeaderAnswerError> for Fault {
     }
 }
 
-/// Returns a header whose clouds are `sources`, each a name or a priority, asked for what cannot be guessed. Questions are put on
-/// `prompt`; an empty answer is the default, where there is one.
+/// Returns a header whose clouds are `sources`, each a name or a priority, asked for what cannot be
+/// guessed. Questions are put on `prompt`; an empty answer is the default, where there is one.
 pub(super) fn ask(
     sources: &[String],
     answers: &mut impl BufRead,

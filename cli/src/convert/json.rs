@@ -78,7 +78,8 @@ pub(super) fn array(
     }))
 }
 
-/// Returns the values of an object by their paths, such as `header.stamp`. Arrays have none; a time of ROS has one of its own too.
+/// Returns the values of an object by their paths, such as `header.stamp`. Arrays have none; a time
+/// of ROS has one of its own too.
 pub(super) fn cells_of(json: &[u8]) -> Result<Cells, String> {
     let text = str::from_utf8(json).map_err(|_| "not UTF-8".to_owned())?;
     let mut cells = Vec::new();
@@ -129,8 +130,8 @@ pub(super) fn joined(outer: &str, name: &str) -> Arc<str> {
     if outer.is_empty() { name.into() } else { format!("{outer}.{name}").into() }
 }
 
-/// Returns a time or duration in seconds, with their unit, so that `--unit` does not change it. Half a second before zero is
-/// -1 s and 500,000,000 ns, as ROS writes it.
+/// Returns a time or duration in seconds, with their unit, so that `--unit` does not change it.
+/// Half a second before zero is -1 s and 500,000,000 ns, as ROS writes it.
 pub(super) fn seconds(seconds: i64, nanoseconds: u32) -> String {
     let nanos = i128::from(seconds) * 1_000_000_000 + i128::from(nanoseconds);
     let sign = if nanos < 0 { "-" } else { "" };

@@ -88,7 +88,8 @@ impl Log {
         self.entries.iter().any(|entry| STRICT.contains(&entry.ev))
     }
 
-    /// Finds out whose the outputs are that do not say so: that source's whose result came last before them.
+    /// Finds out whose the outputs are that do not say so: that source's whose result came last
+    /// before them.
     pub(super) fn guess(&mut self, notes: &mut Notes, sources: &Sources) -> Result<(), Problem> {
         let mut results: HashMap<Id, Vec<(i128, u64)>> = HashMap::new();
         for entry in self.entries.iter().filter(|entry| entry.ev == "result") {
@@ -229,7 +230,8 @@ impl Log {
         Ok((parts.into_iter().map(run).collect(), found))
     }
 
-    /// Returns `true` if messages have numbers as ids, whose order can be compared with that of their instants.
+    /// Returns `true` if messages have numbers as ids, whose order can be compared with that of
+    /// their instants.
     fn has_numbers(&self) -> bool {
         let mut ids = self.entries.iter().filter_map(|entry| entry.t.as_ref());
         self.has_ids && ids.all(|id| matches!(id, Id::Number(_)))

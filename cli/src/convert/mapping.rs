@@ -9,9 +9,11 @@ use crate::convert::notes::{Names, Notes, listed, unknown};
 use crate::convert::row::{Problem, ProblemKind, Row};
 use crate::convert::time::{self, Id, Time, Unit, none_of};
 
-/// The keys that are read by their own names if no others are given. Other keys mean something else in many logs.
+/// The keys that are read by their own names if no others are given. Other keys mean something else
+/// in many logs.
 const BY_DEFAULT: [&str; 7] = ["ev", "at", "t", "p", "due", "deadline", "backlog"];
-/// Keys that are read only where they are named, though they say much if they mean the same as in a trace.
+/// Keys that are read only where they are named, though they say much if they mean the same as in a
+/// trace.
 const UNREAD: [(&str, &str, &str); 4] = [
     ("of", "values of the key \"of\", which no --column names", "whose value a result is"),
     ("for", "values of the key \"for\", which no --column names", "which message a value is for"),
@@ -291,7 +293,8 @@ impl Mapping<'_> {
         text.is_empty() || self.missing.iter().any(|missing| missing.eq_ignore_ascii_case(text))
     }
 
-    /// Returns `true` if what the user named is no name but a value: a duration with its unit, or a source.
+    /// Returns `true` if what the user named is no name but a value: a duration with its unit, or a
+    /// source.
     fn is_constant(&self, named: &Named<'_>) -> bool {
         let Named { key, name, .. } = named;
         let is_value = match *key {

@@ -1,5 +1,5 @@
-//! `fuseline convert`: makes a trace of what other tools recorded. Sources give rows, a mapping makes events of them, and the log
-//! puts them in order; nothing is judged.
+//! `fuseline convert`: makes a trace of what other tools recorded. Sources give rows, a mapping
+//! makes events of them, and the log puts them in order; nothing is judged.
 
 mod db3;
 mod entry;
@@ -94,7 +94,8 @@ Examples:
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct Args {
-    /// The file to convert, the parts of a log in order, or the folder of a bag; - is standard input.
+    /// The file to convert, the parts of a log in order, or the folder of a bag; - is standard
+    /// input.
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// The format; by default the file's name decides.
@@ -103,8 +104,8 @@ pub(crate) struct Args {
     /// A file whose first line is the trace's header.
     #[arg(long, value_name = "FILE")]
     header: Option<PathBuf>,
-    /// Make the header instead of the trace. It has the sources in the file, and asks on standard input for
-    /// everything that cannot be guessed.
+    /// Make the header instead of the trace. It has the sources in the file, and asks on standard
+    /// input for everything that cannot be guessed.
     #[arg(long, conflicts_with_all = ["header", "sort", "split"])]
     write_header: bool,
     /// Show what convert understands of the log, and convert nothing; needs no header.
@@ -116,18 +117,20 @@ pub(crate) struct Args {
     /// The file's name for an event, such as response=result; heartbeat= skips these events.
     #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = key::event)]
     event: Vec<(String, &'static str)>,
-    /// The column of an event in rows or objects that have one frame each, such as open=recv or west.result=done.
+    /// The column of an event in rows or objects that have one frame each, such as open=recv or
+    /// west.result=done.
     #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = frame::frame_column,
         conflicts_with_all = ["column", "event"])]
     frame: Vec<FrameColumn>,
-    /// The unit of instants and durations, or of one key's, such as deadline=ms; decimals are read exactly
-    /// [default: ns] [possible units: ns, us, ms, s].
+    /// The unit of instants and durations, or of one key's, such as deadline=ms; decimals are read
+    /// exactly [default: ns] [possible units: ns, us, ms, s].
     #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = key::unit)]
     unit: Vec<(Option<&'static str>, Unit)>,
     /// The separator of the cells of a CSV file: a character, or tab.
     #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]
     separator: u8,
-    /// A topic of a recording, with the events that its messages are: open=/camera, west.result=/west/objects.
+    /// A topic of a recording, with the events that its messages are: open=/camera,
+    /// west.result=/west/objects.
     #[arg(long, value_name = "[[SOURCE.]EVENT=]TOPIC", value_delimiter = ',', value_parser = topic,
         default_value = TOPIC)]
     topic: Vec<TopicChoice>,
@@ -149,8 +152,8 @@ pub(crate) struct Args {
     /// Read a file that was cut off up to its last whole row.
     #[arg(long)]
     truncated: bool,
-    /// Sort the events by their instants, as for a log made of several files. Without this option convert also sorts
-    /// them, and notes it.
+    /// Sort the events by their instants, as for a log made of several files. Without this option
+    /// convert also sorts them, and notes it.
     #[arg(long)]
     sort: bool,
     /// Begin another trace where the log restarts: OUTPUT-1, OUTPUT-2 and so on.

@@ -131,7 +131,8 @@ impl Names {
     }
 }
 
-/// Says that a name which the user gave occurs nowhere, and which names of its kind do: the closest first.
+/// Says that a name which the user gave occurs nowhere, and which names of its kind do: the closest
+/// first.
 pub(super) fn unknown<'n>(
     noun: &str,
     name: &str,

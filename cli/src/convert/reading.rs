@@ -123,7 +123,8 @@ impl<'a> LogReader<'a> {
         Ok(Self { args, mapping, views, given, topics, recorded, spoken, log, spans })
     }
 
-    /// Leaves out a row that cannot be read, if that is to be; `--explain` shows the others at least.
+    /// Leaves out a row that cannot be read, if that is to be; `--explain` shows the others at
+    /// least.
     fn skip(&mut self, problem: Problem) -> Result<(), Problem> {
         let Some(kind) = self.skipped() else { return Err(problem) };
         let detail = || problem.without_remedy();

@@ -1,4 +1,5 @@
-//! Restarts of a log: a clock or a counter that goes back, so that two runs would lie over each other.
+//! Restarts of a log: a clock or a counter that goes back, so that two runs would lie over each
+//! other.
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -13,17 +13,19 @@ use crate::convert::time;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Spans")]
 pub(super) struct SpanOptions {
-    /// The name of the spans that are messages, or local's computations; by default messages are spans without a parent,
-    /// and there is no local [possible roles: message, local].
+    /// The name of the spans that are messages, or local's computations; by default messages are
+    /// spans without a parent, and there is no local [possible roles: message, local].
     #[arg(long, value_name = "ROLE=NAME", value_delimiter = ',', value_parser = role)]
     span: Vec<(SpanRole, String)>,
-    /// The attribute of a span that has a key, such as t=frame.id; by default `t` is fuseline.t, and so on. A message has
-    /// t, within, by (the source of its output), latency (ns from its start to its output, if the span ends at another time)
-    /// and deadline (local's). A request has p, deadline, of, for and try.
+    /// The attribute of a span that has a key, such as t=frame.id; by default `t` is fuseline.t,
+    /// and so on. A message has t, within, by (the source of its output), latency (ns from its
+    /// start to its output, if the span ends at another time) and deadline (local's). A request has
+    /// p, deadline, of, for and try.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
     attribute: Vec<(&'static str, String)>,
-    /// The attribute and value of a call that the client itself ended, such as error.type=CANCELLED, which is not a failure
-    /// of the cloud. Calls with gRPC's codes 1 and 4 need no option.
+    /// The attribute and value of a call that the client itself ended, such as
+    /// error.type=CANCELLED, which is not a failure of the cloud. Calls with gRPC's codes 1 and 4
+    /// need no option.
     #[arg(long, value_name = "ATTRIBUTE=VALUE", value_delimiter = ',', value_parser = cancelled)]
     cancelled: Vec<(String, String)>,
 }

@@ -87,7 +87,8 @@ impl SpanReader<'_, '_> {
                 self.mapping.notes.add(BACKWARDS, &wrong.row.place, detail);
                 continue;
             }
-            // An operator of fuseline ends its spans, or means it; a clean export has no other without an end.
+            // An operator of fuseline ends its spans, or means it; a clean export has no other
+            // without an end.
             for span in all.filter(|span| span.end == 0 && !is_own(span)) {
                 self.mapping.notes.add(ENDLESS, &span.row.place, String::new);
             }
@@ -225,7 +226,8 @@ impl SpanReader<'_, '_> {
         Ok(entries)
     }
 
-    /// Returns a call's request, and its result or failure; `attempt` is which of several attempts it is.
+    /// Returns a call's request, and its result or failure; `attempt` is which of several attempts
+    /// it is.
     fn call(
         &mut self,
         message: &SpanMessage<'_>,

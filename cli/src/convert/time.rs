@@ -1,4 +1,5 @@
-//! Numbers, times and ids as logs and options write them: the one place that parses them, and that says what was expected.
+//! Numbers, times and ids as logs and options write them: the one place that parses them, and that
+//! says what was expected.
 
 use std::fmt;
 use std::sync::Arc;
@@ -144,8 +145,8 @@ fn with_unit(text: &str) -> Option<Time> {
     read.next()
 }
 
-/// Reads a decimal number of units that have this many digits more, rounded to a whole one: with a sign, with a point or a comma, with
-/// an exponent.
+/// Reads a decimal number of units that have this many digits more, rounded to a whole one: with a
+/// sign, with a point or a comma, with an exponent.
 fn decimal(text: &str, digits: i32) -> Option<Time> {
     let text = text.trim();
     let sign = if text.starts_with('-') { -1 } else { 1 };
@@ -182,8 +183,9 @@ fn decimal(text: &str, digits: i32) -> Option<Time> {
     Some(Time { nanos, is_rounded, has_comma, lacks_zone: false })
 }
 
-/// Reads a time of day since 1970, as ISO 8601 and RFC 3339 write it, and as Python's and pandas' loggers do: also with a space for the
-/// T, a comma for the point, with UTC or GMT at its end, or without a zone, which is UTC too.
+/// Reads a time of day since 1970, as ISO 8601 and RFC 3339 write it, and as Python's and pandas'
+/// loggers do: also with a space for the T, a comma for the point, with UTC or GMT at its end, or
+/// without a zone, which is UTC too.
 fn time_of_day(text: &str) -> Option<Time> {
     let text = text.trim().replacen(',', ".", 1).replace("GMT", "UTC");
     let read = |end: &str| format!("{text}{end}").parse::<DateTime<FixedOffset>>().ok();

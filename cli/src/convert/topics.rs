@@ -1,4 +1,5 @@
-//! Messages of topics of a recording, MCAP or rosbag2's database, and `--topic`: which are read, and as which events.
+//! Messages of topics of a recording, MCAP or rosbag2's database, and `--topic`: which are read,
+//! and as which events.
 
 use std::collections::HashSet;
 use std::rc::Rc;
@@ -51,7 +52,8 @@ pub(super) enum Side {
     Server,
 }
 
-/// The rows of a recording that a service's server had; they are read if its client's were not recorded.
+/// The rows of a recording that a service's server had; they are read if its client's were not
+/// recorded.
 #[derive(Default)]
 pub(super) struct ServiceRows {
     has_client: bool,

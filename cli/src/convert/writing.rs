@@ -84,7 +84,8 @@ pub(super) fn write_runs(
     };
     if !args.split {
         let mut notes = Some(notes);
-        // The output begins first, so that what cannot be written is known before a long log is read.
+        // The output begins first, so that what cannot be written is known before a long log is
+        // read.
         return put(output, &mut |out| {
             let (runs, notes) = understand(notes.take().unwrap_or_default())?;
             runs.iter().try_for_each(|run| write_run(out, header, run))?;

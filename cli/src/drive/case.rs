@@ -198,7 +198,8 @@ impl Suite {
     }
 }
 
-/// Returns the kind, the seed and the number in `g2-SEED-NUMBER`, `g-SEED-NUMBER` or `w-SEED-NUMBER`.
+/// Returns the kind, the seed and the number in `g2-SEED-NUMBER`, `g-SEED-NUMBER` or
+/// `w-SEED-NUMBER`.
 fn generated(name: &str) -> Option<(CaseKind, u64, u64)> {
     let (letter, rest) = name.split_once('-')?;
     let kind = match letter {

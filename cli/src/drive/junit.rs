@@ -6,7 +6,8 @@ use quick_junit::{
 
 use super::report::{CaseOutcome, DriveReport};
 
-/// Returns the report's cases; all generated ones count as one, named after the one that failed, if any.
+/// Returns the report's cases; all generated ones count as one, named after the one that failed, if
+/// any.
 pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
     let mut suite = TestSuite::new(report.name.as_str());
     suite.set_time(report.took);

@@ -1,7 +1,8 @@
 //! `fuseline drive`: another implementation, driven through cases and judged.
 //!
-//! `case` has the runs, `peer` the process, `trial` compares its decisions with the reference machine's, `runner` drives all
-//! cases, `repeat` and `shrink` make a failing run small, and `report` shows the results.
+//! `case` has the runs, `peer` the process, `trial` compares its decisions with the reference
+//! machine's, `runner` drives all cases, `repeat` and `shrink` make a failing run small, and
+//! `report` shows the results.
 
 mod case;
 mod extent;
@@ -148,7 +149,8 @@ impl DriveOutputs {
         })
     }
 
-    /// Writes that the command could not be started, so that nobody takes an earlier file for this run's.
+    /// Writes that the command could not be started, so that nobody takes an earlier file for this
+    /// run's.
     fn write_not_started(&self, name: &str, why: &str) -> Result<(), Fault> {
         if let Some(output) = &self.junit {
             let text =

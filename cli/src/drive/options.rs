@@ -65,12 +65,12 @@ pub(crate) struct Args {
     /// The greatest number of clouds in a run, up to 15.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
     pub(super) clouds: Option<u8>,
-    /// Give results the keys of and for, which name the message of a value and the one it is meant for. An emit must
-    /// repeat the keys of the result that it sends.
+    /// Give results the keys of and for, which name the message of a value and the one it is meant
+    /// for. An emit must repeat the keys of the result that it sends.
     #[arg(long)]
     pub(super) values: bool,
-    /// Drive these instead, in this order and one process: trace files, cases of the corpus, generated runs such as
-    /// g2-1-17.
+    /// Drive these instead, in this order and one process: trace files, cases of the corpus,
+    /// generated runs such as g2-1-17.
     #[arg(long, value_name = "CASE", num_args = 1..,
           conflicts_with_all = ["inputs", "cases", "budget", "seed", "generator"])]
     pub(super) run: Vec<String>,
@@ -80,8 +80,8 @@ pub(crate) struct Args {
     /// The implementation's name; the command by default.
     #[arg(long)]
     pub(super) name: Option<String>,
-    /// Save the smallest run of a difference as a trace in this folder, with the earlier runs that it needs. Existing
-    /// files stay: a new file gets a number.
+    /// Save the smallest run of a difference as a trace in this folder, with the earlier runs that
+    /// it needs. Existing files stay: a new file gets a number.
     #[arg(long, value_name = "DIR")]
     pub(super) save: Option<PathBuf>,
     /// Print one JSON object instead of text.

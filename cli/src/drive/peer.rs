@@ -1,4 +1,5 @@
-//! The command under judgement: a process group of its own that gets one line at a time and has a bounded time to answer.
+//! The command under judgement: a process group of its own that gets one line at a time and has a
+//! bounded time to answer.
 //!
 //! This module finds what breaks the protocol. The module `trial` compares the decisions.
 
@@ -279,8 +280,8 @@ impl Peer {
         self.child.wait().ok()
     }
 
-    /// Returns `true` if the command itself has ended. It stays to be reaped, so that its group keeps its
-    /// number.
+    /// Returns `true` if the command itself has ended. It stays to be reaped, so that its group
+    /// keeps its number.
     fn has_ended(&self) -> bool {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         self.id().is_none_or(|id| {

@@ -56,8 +56,8 @@ impl Steps for RunSequence {
     }
 }
 
-/// Shows `first` again in new processes and makes it small; `sent` is what its process was sent before. What stops the
-/// command ends the search.
+/// Shows `first` again in new processes and makes it small; `sent` is what its process was sent
+/// before. What stops the command ends the search.
 pub(super) fn repeat(
     bench: &mut Bench,
     suite: &Suite,
@@ -91,8 +91,8 @@ fn shows(
     Ok(DriveFinding::of(bench.try_run(run)?).filter(|finding| finding.is_as(like)))
 }
 
-/// Makes a finding small that shows alone. Most commands begin afresh with a header, so that one process does for all
-/// tries; whether that held is tried at the end.
+/// Makes a finding small that shows alone. Most commands begin afresh with a header, so that one
+/// process does for all tries; whether that held is tried at the end.
 fn alone(bench: &mut Bench, finding: DriveFinding) -> RepeatedFinding {
     let run = finding.reported.run();
     let small = shrink(bench, finding, false);

@@ -22,7 +22,8 @@ use crate::interrupt::Interrupt;
 
 /// Progress is printed this often if there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
-/// After this many cases in a row to which the command did not answer by the protocol, no other is tried.
+/// After this many cases in a row to which the command did not answer by the protocol, no other is
+/// tried.
 const PATIENCE: usize = 3;
 
 /// Ranks differences, the most telling one first: by whether the case is of another rule, then by
@@ -263,7 +264,8 @@ impl<'a> CaseRunner<'a> {
 
     pub(super) fn finish(mut self) -> DriveReport {
         self.bar.finish_and_clear();
-        // With a number of runs, those that were not driven count; with a bound, those that were begun are all.
+        // With a number of runs, those that were not driven count; with a bound, those that were
+        // begun are all.
         if self.args.cases.is_none() {
             let failed = u64::from(self.report.failed.is_some());
             self.report.suite.generated = self.report.passed + failed;

@@ -9,8 +9,8 @@ use super::report::ReportedFinding;
 use crate::fault::Fault;
 use crate::output;
 
-/// Returns the files of a case with this many runs before it, in the order in which they are driven. No file of these
-/// names is there, unless files are to be replaced.
+/// Returns the files of a case with this many runs before it, in the order in which they are
+/// driven. No file of these names is there, unless files are to be replaced.
 pub(super) fn paths(folder: &Path, case: &str, before: usize, replaces: bool) -> Vec<PathBuf> {
     let named = |stem: &str| -> Vec<PathBuf> {
         if before == 0 {

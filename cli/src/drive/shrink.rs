@@ -1,6 +1,7 @@
 //! Shrinks a run that shows a difference to a smallest one that still shows it.
 //!
-//! A smaller run counts only if the command, driven through it, shows the same; runs and time are bounded.
+//! A smaller run counts only if the command, driven through it, shows the same; runs and time are
+//! bounded.
 
 use std::collections::BTreeSet;
 use std::mem::discriminant;
@@ -12,7 +13,8 @@ use fuseline_traces::{Cloud, Header, Input, Rule};
 use super::peer::ProtocolViolation;
 use super::trial::{Bench, Comparison, DriveStop, Transcript};
 
-/// The most inputs of all runs that are tried. They bound the time of a finding that needs hundreds of inputs.
+/// The most inputs of all runs that are tried. They bound the time of a finding that needs hundreds
+/// of inputs.
 const INPUTS: usize = 40_000;
 /// The longest that the search may take with a slow command.
 const LONGEST: Duration = Duration::from_secs(30);
@@ -70,8 +72,8 @@ impl DriveFinding {
     }
 }
 
-/// Returns the smallest run found that shows what `first` shows, each tried in a new process if it is to be `afresh`; what stops
-/// the command ends the search.
+/// Returns the smallest run found that shows what `first` shows, each tried in a new process if it
+/// is to be `afresh`; what stops the command ends the search.
 pub(super) fn shrink(bench: &mut Bench, first: DriveFinding, afresh: bool) -> DriveFinding {
     let run = first.reported.run();
     let (mut best, mut least) = (first, cost(&run));
@@ -99,8 +101,8 @@ pub(super) fn shrink(bench: &mut Bench, first: DriveFinding, afresh: bool) -> Dr
     best
 }
 
-/// Leaves out all of a timestamp, of a source or a cloud, makes the window, the clouds and the inputs plain, and numbers
-/// timestamps and clouds from 1.
+/// Leaves out all of a timestamp, of a source or a cloud, makes the window, the clouds and the
+/// inputs plain, and numbers timestamps and clouds from 1.
 fn simplifications(run: &Run) -> Vec<Simplification<Run>> {
     let mut all: Vec<Simplification<Run>> = Vec::new();
     for t in run.inputs.iter().map(Input::t).collect::<BTreeSet<_>>() {
@@ -164,7 +166,8 @@ fn number_clouds(run: &mut Run) {
     registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
 }
 
-/// Returns the size of a run for a reader: its inputs first, then its clouds, its digits and its names.
+/// Returns the size of a run for a reader: its inputs first, then its clouds, its digits and its
+/// names.
 fn cost(run: &Run) -> (usize, usize, usize, u128) {
     let Run { header: Header { window, clouds, .. }, inputs } = run;
     let odd = |cloud: &Cloud| usize::from(cloud.resume != cloud.limit - 1);
@@ -186,8 +189,8 @@ fn cost(run: &Run) -> (usize, usize, usize, u128) {
     (inputs.len(), clouds.len(), whole, names.map(u128::from).sum())
 }
 
-/// Returns how hard a number is to read: two for each digit, and one less if only the first digit is
-/// not 0.
+/// Returns how hard a number is to read: two for each digit, and one less if only the first digit
+/// is not 0.
 fn digits(number: u64) -> usize {
     let text = number.to_string();
     2 * text.len() - usize::from(text.len() > 1 && text.trim_end_matches('0').len() == 1)

@@ -1,4 +1,5 @@
-//! One run through the command: each decision is compared with the reference machine's, up to the first difference.
+//! One run through the command: each decision is compared with the reference machine's, up to the
+//! first difference.
 
 use std::ffi::OsString;
 use std::io;
@@ -98,7 +99,8 @@ impl Bench {
         self.sent.clear();
     }
 
-    /// Drives the command through a case. A finding comes with what the same process was sent before.
+    /// Drives the command through a case. A finding comes with what the same process was sent
+    /// before.
     pub(super) fn try_case(
         &mut self,
         place: CasePlace,
@@ -246,8 +248,8 @@ fn value(input: &Input) -> ValueKeys {
     ValueKeys { of: says(1), meant_for: says(2) }
 }
 
-/// The header as it is sent. The commit rule may be left out where it is eager; so it is left out of those with an odd
-/// window.
+/// The header as it is sent. The commit rule may be left out where it is eager; so it is left out
+/// of those with an odd window.
 fn header_line(header: &Header) -> Vec<u8> {
     let mut text = header.to_string();
     if header.commit == Commit::Eager && !header.window.is_multiple_of(2) {

@@ -24,7 +24,8 @@ pub(super) struct WrittenReport {
     pub(super) conforms: bool,
     /// `true` if Ctrl-C ended it.
     pub(super) interrupted: bool,
-    /// `true` if the cases that were left were not tried, since the command did not answer by the protocol.
+    /// `true` if the cases that were left were not tried, since the command did not answer by the
+    /// protocol.
     pub(super) gave_up: bool,
     pub(super) suite: WrittenSuite,
     pub(super) fixed: Vec<WrittenCase>,

@@ -7,7 +7,8 @@ use crate::probe::figures::Figures;
 use crate::probe::pace::{SendPacing, SlotAction};
 use crate::probe::row::{RequestOutcome, SlotRow, SlotRows};
 
-/// Slots, requests and their ends, in the order in which they happen. Times are since the beginning.
+/// Slots, requests and their ends, in the order in which they happen. Times are since the
+/// beginning.
 pub(crate) struct ProbeLog<W: Write> {
     pub(crate) pace: SendPacing,
     pub(crate) figures: Figures,

@@ -1,6 +1,7 @@
 //! `fuseline probe`: measures a network as the paper's drive did, and records it as a drive.
 //!
-//! `client` sends, `log` counts and records, `summary` and `plots` show; `server` is the other side.
+//! `client` sends, `log` counts and records, `summary` and `plots` show; `server` is the other
+//! side.
 
 mod client;
 mod figures;

@@ -56,14 +56,14 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = give_up,
         allow_hyphen_values = true)]
     pub(crate) give_up: Duration,
-    /// The file of the recording, written from the start on [default: fuseline-probe.csv, or fuseline-probe-2.csv and so on
-    /// if that exists].
+    /// The file of the recording, written from the start on [default: fuseline-probe.csv, or
+    /// fuseline-probe-2.csv and so on if that exists].
     #[arg(long, value_name = "FILE")]
     pub(crate) csv: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
-    /// Write plots to this folder once the probe has ended, as SVG and PNG on light and dark ground,
-    /// and a page that holds them: round trips over time and their distribution.
+    /// Write plots to this folder once the probe has ended, as SVG and PNG on light and dark
+    /// ground, and a page that holds them: round trips over time and their distribution.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
     pub(crate) output: Option<PathBuf>,
     /// Measure nothing, but plot this recording.
@@ -86,7 +86,8 @@ pub(crate) struct Args {
     /// The certificate's private key, in PEM.
     #[arg(long, value_name = "FILE", requires = "cert")]
     pub(crate) key: Option<PathBuf>,
-    /// With --serve, the CA certificates that must have signed clients' certificates, in PEM (mutual TLS).
+    /// With --serve, the CA certificates that must have signed clients' certificates, in PEM
+    /// (mutual TLS).
     #[arg(long, value_name = "FILE", requires_all = ["serve", "cert"])]
     pub(crate) client_ca: Option<PathBuf>,
     /// A file with the bearer token that each call has, or must have; by default the environment's

@@ -30,7 +30,8 @@ pub(crate) enum RequestOutcome {
     Lost,
 }
 
-/// Writes rows once all before them are known; how many wait is bounded by how long a call may take.
+/// Writes rows once all before them are known; how many wait is bounded by how long a call may
+/// take.
 pub(crate) struct SlotRows<W: Write> {
     csv: csv::Writer<W>,
     waiting: VecDeque<SlotRow>,

@@ -90,7 +90,8 @@ impl RunDeadlines {
         situation
     }
 
-    /// Returns the policy of the cloud with this index. It gives the deadline that was chosen for the latest message.
+    /// Returns the policy of the cloud with this index. It gives the deadline that was chosen for
+    /// the latest message.
     pub(crate) fn of(&self, index: usize) -> Box<dyn Policy + Send> {
         Box::new(CloudDeadline { deadlines: self.clone(), index })
     }

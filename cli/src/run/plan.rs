@@ -79,8 +79,8 @@ pub(crate) struct Args {
     /// The seed of the emulated runtimes' spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The model on board: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the paper's
-    /// figures, or to describe a model of your own.
+    /// The model on board: NAME@orin or NAME@a100. Add ,runtime=TIME and ,ap=AP to replace the
+    /// paper's figures, or to describe a model of your own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
     /// The number of messages that local computes at once, 1 to 1024.
@@ -92,13 +92,14 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
         allow_negative_numbers = true)]
     calls: NonZero<usize>,
-    /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, runtime, ap, drive
-    /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files) for a server
-    /// elsewhere. A model that is not in the paper needs its runtime; ap is its box AP, 0 to 100.
+    /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model,
+    /// runtime, ap, drive and start for an emulated cloud, or url, ca, cert, key and token (the
+    /// last four are files) for a server elsewhere. A model that is not in the paper needs its
+    /// runtime; ap is its box AP, 0 to 100.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<CloudOptions>,
-    /// Read the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud. Paths in it are
-    /// relative to the current folder.
+    /// Read the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud.
+    /// Paths in it are relative to the current folder.
     #[arg(long, value_name = "FILE", conflicts_with = "clouds")]
     config: Option<PathBuf>,
     /// Another drive for a cloud; repeatable.
@@ -109,8 +110,8 @@ pub(crate) struct Args {
     starts: Vec<NamedValue<Duration>>,
     #[command(flatten)]
     link: LinkArgs,
-    /// The trace's file, written from the start of the run [default: fuseline-trace.jsonl, or fuseline-trace-2.jsonl and
-    /// so on if that exists].
+    /// The trace's file, written from the start of the run [default: fuseline-trace.jsonl, or
+    /// fuseline-trace-2.jsonl and so on if that exists].
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
     /// Also make the trace's page, as fuseline report does, and print where it is.
@@ -134,8 +135,8 @@ pub(crate) struct Args {
 /// The policy that chooses deadlines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum DeadlinePolicy {
-    /// Waits as long as it is worth it, judged by the last 32 calls to each cloud, and no longer than
-    /// local takes while a cloud is gone. Late calls run on, so that their ends are seen.
+    /// Waits as long as it is worth it, judged by the last 32 calls to each cloud, and no longer
+    /// than local takes while a cloud is gone. Late calls run on, so that their ends are seen.
     Expected,
     /// Always uses --deadline.
     Constant,

@@ -5,7 +5,8 @@ use std::fs;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use tempfile::{TempDir, tempdir};
 
-/// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's with `other.pem`.
+/// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's with
+/// `other.pem`.
 pub(crate) fn certificates() -> TempDir {
     let dir = tempdir().unwrap();
     let issuer = |name: &str| {

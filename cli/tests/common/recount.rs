@@ -53,8 +53,9 @@ impl DrawnTrace {
             .any(|event| matches!(event, Event::Decision(Decision::RefuseOpen { .. })))
     }
 
-    /// The messages, and the calls in the order of their begins. Of a timestamp that is open another open is none. `retires` says of
-    /// a source whether its calls end with an output of another, or with their message.
+    /// The messages, and the calls in the order of their begins. Of a timestamp that is open
+    /// another open is none. `retires` says of a source whether its calls end with an output of
+    /// another, or with their message.
     pub(crate) fn recount(
         &self,
         retires: impl Fn(u64, Option<u64>) -> bool,
@@ -141,7 +142,8 @@ impl DrawnTrace {
         })
     }
 
-    /// Returns what a source is called; `unnamed` stands before the priority of a cloud without a name.
+    /// Returns what a source is called; `unnamed` stands before the priority of a cloud without a
+    /// name.
     pub(crate) fn name(&self, p: u64, unnamed: &str) -> String {
         let cloud = self.header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
         match cloud {

@@ -37,7 +37,8 @@ pub(crate) fn adds_up(report: &Value) {
         assert_eq!(sum(fates.values()), messages - refused, "{source}");
         assert_eq!(fates["forwarded"], source["forwarded"]);
     }
-    // Fusion, progressive, local and each cloud alone, who is first; and the constant, where that is another.
+    // Fusion, progressive, local and each cloud alone, who is first; and the constant, where that
+    // is another.
     let constant = usize::from(report["policy"] != "constant");
     assert_eq!(
         report["policies"].as_array().unwrap().len(),

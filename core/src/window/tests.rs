@@ -22,8 +22,8 @@ fn due_at(nanos: u64) -> Entry<1> {
 
 const UNARMED: Entry<1> = Entry { slot: Slot::open(false), ..Entry::EMPTY };
 
-/// Checks that each entry's index is there once, that each entry has the key of its timestamp, and that the
-/// stored least keys are right.
+/// Checks that each entry's index is there once, that each entry has the key of its timestamp, and
+/// that the stored least keys are right.
 fn check<const CAPACITY: usize>(window: &Window<1, CAPACITY>) {
     let open = &window.entry_indices.as_flattened()[window.start..window.end()];
     let empty = &window.free[..CAPACITY - window.len];
@@ -60,7 +60,8 @@ fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u
     assert_eq!(found, next);
 }
 
-/// Adds and removes random timestamps, sets and clears due instants, and compares the window with a map.
+/// Adds and removes random timestamps, sets and clears due instants, and compares the window with a
+/// map.
 fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
     let mut random = SplitMix(CAPACITY as u64);
     let mut window = Window::<1, CAPACITY>::new();

@@ -1,7 +1,8 @@
-//! A vehicle before an obstacle at rest, frame by frame, written only from the rules of fusion and of
-//! braking.
+//! A vehicle before an obstacle at rest, frame by frame, written only from the rules of fusion and
+//! of braking.
 //!
-//! It shares no formula with the guard: it knows no budgets, only frames, arrivals and a braking distance.
+//! It shares no formula with the guard: it knows no budgets, only frames, arrivals and a braking
+//! distance.
 
 /// The truth about one drive towards one obstacle, in metres and seconds.
 #[derive(Clone, Debug)]
@@ -38,8 +39,8 @@ pub(crate) struct Frame {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Output {
     pub(crate) at: f64,
-    /// `true` if the output reports the obstacle; `None` if it becomes known at that instant that there is no
-    /// output.
+    /// `true` if the output reports the obstacle; `None` if it becomes known at that instant that
+    /// there is no output.
     pub(crate) reports: Option<bool>,
     /// `true` if local takes the frame.
     pub(crate) is_taken: bool,
@@ -68,8 +69,8 @@ impl Drive {
                 let reports = Some(self.sees(self.range_cloud, frame));
                 return Output { at: frame.captured + frame.cloud, reports, is_taken };
             }
-            // Local's result is an input, so every timer that was due by its arrival has fired, however late
-            // timers are.
+            // Local's result is an input, so every timer that was due by its arrival has fired,
+            // however late timers are.
             let wait = match frame.local {
                 Some(local) if local >= deadline => local,
                 _ => deadline + frame.lateness,
@@ -80,10 +81,11 @@ impl Drive {
         self.frames.iter().map(output).collect()
     }
 
-    /// Returns `true` if the vehicle hits the obstacle. It brakes once enough timestamps in a row report.
+    /// Returns `true` if the vehicle hits the obstacle. It brakes once enough timestamps in a row
+    /// report.
     ///
-    /// A timestamp without output is passed over when that is known. So is an output without a report for a
-    /// frame that local does not take.
+    /// A timestamp without output is passed over when that is known. So is an output without a
+    /// report for a frame that local does not take.
     pub(crate) fn collides(&self, outputs: &[Output]) -> bool {
         self.collides_where(outputs, |output| output.is_taken)
     }
@@ -94,8 +96,8 @@ impl Drive {
         self.collides_where(outputs, |_| true)
     }
 
-    /// Returns `true` if the vehicle hits the obstacle, where the outputs without a report that `breaks`
-    /// selects break a row.
+    /// Returns `true` if the vehicle hits the obstacle, where the outputs without a report that
+    /// `breaks` selects break a row.
     fn collides_where(&self, outputs: &[Output], breaks: impl Fn(&Output) -> bool) -> bool {
         let mut decided = f64::INFINITY;
         for first in 0..outputs.len() {

@@ -35,7 +35,8 @@ struct Cli {
     /// Kill this part halfway; `each` kills one after the other, in drives of its own.
     #[arg(long, value_name = "PART")]
     kill: Option<String>,
-    /// Write the traces of the eager drive into this folder, one an operator; of `each` into a folder for each part.
+    /// Write the traces of the eager drive into this folder, one an operator; of `each` into a
+    /// folder for each part.
     #[arg(long, value_name = "FOLDER")]
     traces: Option<PathBuf>,
     /// Follow this frame; by default one of 12 s, or of 2 s after a part died.

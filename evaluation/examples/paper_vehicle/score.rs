@@ -38,7 +38,8 @@ pub(crate) struct Command {
 pub(crate) struct Figures {
     /// Streaming AP50, in percent.
     pub(crate) ap50: f64,
-    /// The share of all ticks, in percent, whose data is older than the end-to-end deadline; a safe stop has no data.
+    /// The share of all ticks, in percent, whose data is older than the end-to-end deadline; a safe
+    /// stop has no data.
     pub(crate) old: f64,
     /// The median and the 99th percentile of the data's age, over the ticks that have data.
     pub(crate) ages: [Duration; 2],

@@ -23,8 +23,8 @@ pub(crate) enum VehiclePart {
     LocalPlanner,
 }
 
-/// The part that dies, and the instant. A dead sensor sends nothing; a dead cloud or computation never
-/// answers.
+/// The part that dies, and the instant. A dead sensor sends nothing; a dead cloud or computation
+/// never answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kill {
     part: Option<VehiclePart>,

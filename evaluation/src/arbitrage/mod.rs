@@ -1,4 +1,5 @@
-//! `fuseline scenario arbitrage`: the paper's runtimes on board, against round trip and runtime in the cloud.
+//! `fuseline scenario arbitrage`: the paper's runtimes on board, against round trip and runtime in
+//! the cloud.
 
 mod plots;
 mod text;

@@ -52,7 +52,8 @@ Examples:
   fuseline scenario jaywalking --hypothesis car-pulls-out=0.2,person-enters=0.01 --plans-at-once 2
   fuseline scenario jaywalking -o pictures")]
 pub(crate) struct Args {
-    /// The distance from the car's front to the person's line when the person enters the road, in m.
+    /// The distance from the car's front to the person's line when the person enters the road, in
+    /// m.
     #[arg(long, value_name = "M", default_value = "10", value_parser = above_0)]
     distance: f64,
     /// The speed at which the person walks to the left, in m/s †.

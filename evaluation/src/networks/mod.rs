@@ -66,7 +66,8 @@ Examples:
   fuseline scenario networks --uplink 10 --downlink 50 --request-kb 33.3
   fuseline scenario networks --drive my-drive.csv --json")]
 pub(crate) struct Args {
-    /// Recorded drives, or CSV files like them, as fuseline run takes them [default: the ten networks].
+    /// Recorded drives, or CSV files like them, as fuseline run takes them [default: the ten
+    /// networks].
     #[arg(long, value_name = "DRIVE,…", value_delimiter = ',', default_value = DRIVES, hide_default_value = true)]
     drive: Vec<String>,
     /// Speeds, in m/s [default: 11 to 30 in steps of 1].

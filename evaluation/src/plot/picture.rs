@@ -1,4 +1,5 @@
-//! Draws the pixels of a plot, with a font of our own, and writes them as PNG: the same bytes on every host.
+//! Draws the pixels of a plot, with a font of our own, and writes them as PNG: the same bytes on
+//! every host.
 
 #![expect(
     clippy::cast_possible_truncation,

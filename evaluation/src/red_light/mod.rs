@@ -1,4 +1,5 @@
-//! `fuseline scenario red-light`: a car runs a red light and is hidden until late. `crossing` is one run.
+//! `fuseline scenario red-light`: a car runs a red light and is hidden until late. `crossing` is
+//! one run.
 
 mod crossing;
 mod geometry;

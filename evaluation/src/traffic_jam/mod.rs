@@ -1,4 +1,5 @@
-//! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
+//! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it,
+//! `text` and `plots` show it.
 
 mod cells;
 mod narrow;

@@ -200,7 +200,8 @@ fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     (0..points.len()).filter(|place| is_kept(*place)).map(|place| points[place]).collect()
 }
 
-/// Returns the constant deadlines with which the drives at a speed end as in the paper's row of *ours*.
+/// Returns the constant deadlines with which the drives at a speed end as in the paper's row of
+/// *ours*.
 fn allowed(vehicle: Vehicle, speed: f64) -> Vec<[f64; 2]> {
     let paper = &PAPER.traffic_jam;
     let gives = |deadline: f64| {

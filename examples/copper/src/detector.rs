@@ -1,4 +1,5 @@
-//! The detector: each frame is computed on board and by a cloud, and the best result in time goes on.
+//! The detector: each frame is computed on board and by a cloud, and the best result in time goes
+//! on.
 
 use std::collections::VecDeque;
 use std::net::UdpSocket;
@@ -18,7 +19,8 @@ const LOCAL_DEADLINE_NS: u64 = 100_000_000;
 const CLOUD_DEADLINE_NS: u64 = 40_000_000;
 const CLOUD_ADDRESS: &str = "127.0.0.1:50129";
 
-/// A task with local on a thread and one cloud behind a socket. Its clock is Copper's, and it is called a thousand times a second.
+/// A task with local on a thread and one cloud behind a socket. Its clock is Copper's, and it is
+/// called a thousand times a second.
 #[derive(Reflect)]
 pub struct Detector {
     arbiter: Arbiter<1, 16>,
@@ -125,8 +127,8 @@ impl Detector {
         }
     }
 
-    /// Gives the core an input, whose result has this value, records it, and puts what is sent into the outputs. Returns whether
-    /// the message is accepted, or the request admitted.
+    /// Gives the core an input, whose result has this value, records it, and puts what is sent into
+    /// the outputs. Returns whether the message is accepted, or the request admitted.
     fn apply(&mut self, input: &Input, value: u64) -> bool {
         let Self { arbiter, held, outputs, .. } = self;
         let mut decisions = Vec::new();

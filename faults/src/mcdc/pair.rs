@@ -13,7 +13,8 @@ pub struct Evaluation {
     test: String,
 }
 
-/// Two evaluations that differ in a condition and in the outcome, and in no other condition that both evaluated.
+/// Two evaluations that differ in a condition and in the outcome, and in no other condition that
+/// both evaluated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IndependencePair<'a> {
     /// The evaluation with the condition true.

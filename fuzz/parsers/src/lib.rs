@@ -1,5 +1,5 @@
-//! Shared by the parsers' fuzz targets: runs one check repeatedly, in bounded memory, until it finds
-//! something.
+//! Shared by the parsers' fuzz targets: runs one check repeatedly, in bounded memory, until it
+//! finds something.
 
 use std::alloc::System;
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -19,8 +19,8 @@ static ENDS: LazyLock<Mutex<(Ends, bool)>> = LazyLock::new(Mutex::default);
 
 /// Checks bytes, and prints a line when reading has ended in every way for the first time.
 ///
-/// The parser is an argument and is not looked up, so that the program contains no other parser: libFuzzer
-/// goes through the counters of all its code after each execution.
+/// The parser is an argument and is not looked up, so that the program contains no other parser:
+/// libFuzzer goes through the counters of all its code after each execution.
 ///
 /// # Panics
 /// Panics with the fault if the check finds something.

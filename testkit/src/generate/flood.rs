@@ -36,7 +36,8 @@ impl InputGenerator {
         }
     }
 
-    /// Fills the window, lets many timestamps leave it, and fills it again, so that their places are reused.
+    /// Fills the window, lets many timestamps leave it, and fills it again, so that their places
+    /// are reused.
     pub(super) fn refill(&mut self, leaving: DepartureOrder, header: &Header) {
         let room = self.context.window().saturating_sub(self.context.open().len());
         self.flood(room as u64, header);

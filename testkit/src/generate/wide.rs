@@ -83,10 +83,11 @@ pub(crate) fn distinct_priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
 }
 
 impl InputGenerator {
-    /// Checks that an offer that is refused for another reason does not change a gate, which comes last (F2).
+    /// Checks that an offer that is refused for another reason does not change a gate, which comes
+    /// last (F2).
     ///
-    /// The first offer, which would shut or open the gate, is refused for another reason. The next one shows
-    /// the gate's state.
+    /// The first offer, which would shut or open the gate, is refused for another reason. The next
+    /// one shows the gate's state.
     fn probe_gate(&mut self, header: &Header) {
         let index = self.draw.index(header.clouds.len());
         let Some(cloud) = header.clouds.get(index) else { return };

@@ -1,4 +1,5 @@
-//! Many timestamps at once: windows that are filled, emptied and filled again, and counts beyond 16 bits.
+//! Many timestamps at once: windows that are filled, emptied and filled again, and counts beyond 16
+//! bits.
 
 use fuseline_traces::Input;
 
@@ -54,8 +55,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Fills the window, lets some timestamps leave it, and fills it again, so that their places are reused.
-    /// Then lets many timers fire at once.
+    /// Fills the window, lets some timestamps leave it, and fills it again, so that their places
+    /// are reused. Then lets many timers fire at once.
     pub(super) fn fill_and_refill(&mut self) {
         self.fill();
         let window = self.context.window();

@@ -1,5 +1,5 @@
-//! Headers in families, to find an implementation that keeps state by header or mistakes one header for
-//! another.
+//! Headers in families, to find an implementation that keeps state by header or mistakes one header
+//! for another.
 
 use fuseline_traces::{Cloud, Commit, Header};
 
@@ -15,8 +15,8 @@ const EDGES: [u64; 8] = [1, 6, 95, 122, 250, 995, 9_995, 32_761];
 const STRIDES: [u64; 6] = [10, 16, 100, 256, 1_000, 4_096];
 
 impl VariedGenerator {
-    /// Returns a header of a family. The first two are equal, the third differs in one thing, and the fourth
-    /// is like the first or differs in another thing.
+    /// Returns a header of a family. The first two are equal, the third differs in one thing, and
+    /// the fourth is like the first or differs in another thing.
     pub(super) fn header(&self, number: u64) -> Header {
         let (family, place) = (number / FAMILY, number % FAMILY);
         let mut header = self.first(family);
@@ -101,7 +101,8 @@ fn cloud(draw: &mut Draw, p: u16) -> Cloud {
     Cloud { p, name: None, limit, resume }
 }
 
-/// Returns `count` different priorities: small ones, neighbours, a stride apart, any, or of all lengths.
+/// Returns `count` different priorities: small ones, neighbours, a stride apart, any, or of all
+/// lengths.
 fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     let top = u64::from(u16::MAX);
     let in_row = |first: u64, stride: u64| {

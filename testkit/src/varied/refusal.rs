@@ -1,5 +1,5 @@
-//! Inputs that are refused or dropped: for several reasons at once, in each state of a timestamp, and around
-//! a gate.
+//! Inputs that are refused or dropped: for several reasons at once, in each state of a timestamp,
+//! and around a gate.
 
 use fuseline_traces::Input;
 
@@ -61,8 +61,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Makes offers that change one cloud's gate, or are refused for another reason and so must not change it
-    /// (F2g).
+    /// Makes offers that change one cloud's gate, or are refused for another reason and so must not
+    /// change it (F2g).
     pub(super) fn move_gate(&mut self) {
         let index = self.draw.index(self.header.clouds.len());
         let Some(cloud) = self.header.clouds.get(index) else { return };
@@ -83,7 +83,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Returns a backlog that shows whether a gate is open or shut without changing it, if there is one.
+    /// Returns a backlog that shows whether a gate is open or shut without changing it, if there is
+    /// one.
     fn between_resume_and_limit(&mut self, p: u64) -> Option<u64> {
         let (limit, resume) = self.context.gate(p).map(|gate| (gate.limit, gate.resume))?;
         (limit - resume > 1).then(|| self.draw.between(resume + 1, limit - 1))

@@ -30,8 +30,8 @@ pub(super) struct TimeScale {
 }
 
 impl TimeScale {
-    /// Returns the scale of a run, which begins at 0, at any instant, or before one at which a clock of fewer
-    /// bits would wrap.
+    /// Returns the scale of a run, which begins at 0, at any instant, or before one at which a
+    /// clock of fewer bits would wrap.
     pub(super) fn draw(draw: &mut Draw) -> Self {
         let scale = SCALES[draw.index(SCALES.len())];
         let start = match draw.between(0, 15) {
@@ -94,7 +94,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Returns an instant before the clock: by a little, by the scale, by hours, or the first of all.
+    /// Returns an instant before the clock: by a little, by the scale, by hours, or the first of
+    /// all.
     fn back(&mut self, now: u64) -> u64 {
         match self.draw.between(0, 7) {
             0..2 => now.saturating_sub(self.draw.between(1, 50)),

@@ -1,5 +1,5 @@
-//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them make a
-//! similar run.
+//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
+//! make a similar run.
 
 use fuseline_testkit::Run;
 use fuseline_traces::{Cloud, Commit, Header, Input};
@@ -52,7 +52,8 @@ impl<'a> Bytes<'a> {
         let mut clouds: Vec<Cloud> = Vec::new();
         for _ in 0..first & CLOUDS {
             let mut p = self.short();
-            // A second cloud of the same priority would be refused, so the next free priority is used (A10).
+            // A second cloud of the same priority would be refused, so the next free priority is
+            // used (A10).
             while p == 0 || clouds.iter().any(|cloud| cloud.p == p) {
                 p = p.wrapping_add(1);
             }
@@ -63,7 +64,8 @@ impl<'a> Bytes<'a> {
         Header { operator: None, window, commit, clouds }
     }
 
-    /// Reads an input, which is encoded relative to the previous one and to the timestamp of the last open.
+    /// Reads an input, which is encoded relative to the previous one and to the timestamp of the
+    /// last open.
     fn input(&mut self, at: u64, newest: u64, clouds: &[Cloud]) -> Input {
         let kind = self.byte() % 6;
         let at = self.near(at);

@@ -11,11 +11,12 @@ use super::bytes::Bytes;
 pub struct Edit {
     /// The kind of change.
     pub op: EditKind,
-    /// The index of the event to change, modulo their number. If the kind needs a decision, the next one is
-    /// changed.
+    /// The index of the event to change, modulo their number. If the kind needs a decision, the
+    /// next one is changed.
     pub index: u16,
-    /// The differences between the decision that [`EditKind::Rewrite`] and [`EditKind::Insert`] write and the
-    /// event that is there: in its kind, `at`, `t`, `p`, reason and due instant. All 0 means the same.
+    /// The differences between the decision that [`EditKind::Rewrite`] and [`EditKind::Insert`]
+    /// write and the event that is there: in its kind, `at`, `t`, `p`, reason and due instant. All
+    /// 0 means the same.
     pub by: [i8; 6],
 }
 

@@ -55,8 +55,8 @@ fn d3_the_rules_decide() {
     holds("d3_the_rules_decide");
 }
 
-/// The backlog of an offer is the number of requests that wait in its queue, and queues are served in order
-/// (D4).
+/// The backlog of an offer is the number of requests that wait in its queue, and queues are served
+/// in order (D4).
 #[test]
 fn d4_true_backlog() {
     holds("d4_true_backlog");

@@ -8,8 +8,8 @@ use crate::event::{Cloud, Event};
 use crate::read::Events;
 use crate::reference::Reference;
 
-/// Checks that both machines give the same decisions, and have the same timers and timestamps after each
-/// input.
+/// Checks that both machines give the same decisions, and have the same timers and timestamps after
+/// each input.
 fn compare(header: &Header, inputs: impl IntoIterator<Item = Input>) -> usize {
     let (mut compact, mut reference) = (CompactReference::new(header), Reference::new(header));
     let most = 2 * compact.window * compact.priorities.len() + STALE;

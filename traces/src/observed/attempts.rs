@@ -1,7 +1,8 @@
 //! Folds the attempts of a request into the one request that the rules know.
 //!
-//! A hedge, a retry or a replica of equal rank is another attempt of the same request. The first request
-//! counts, with its due instant; the first result counts; and the request has failed when all attempts have.
+//! A hedge, a retry or a replica of equal rank is another attempt of the same request. The first
+//! request counts, with its due instant; the first result counts; and the request has failed when
+//! all attempts have.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,8 +25,8 @@ pub(super) struct AttemptFailure {
     pub(super) attempt: Option<u8>,
 }
 
-/// Returns the requests of the rules: source, instant and due instant. A source has one, or all of them if
-/// one attempt is requested twice, which no rule explains.
+/// Returns the requests of the rules: source, instant and due instant. A source has one, or all of
+/// them if one attempt is requested twice, which no rule explains.
 pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64)> {
     let plain = |request: &RequestAttempt| (request.p, request.at, request.due);
     // Most traces have no attempts, so there is nothing to fold.
@@ -50,8 +51,8 @@ pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64
     folded
 }
 
-/// Returns the failures of the rules: those of whole requests, and the last of the attempts' failures if each
-/// attempt has failed.
+/// Returns the failures of the rules: those of whole requests, and the last of the attempts'
+/// failures if each attempt has failed.
 pub(super) fn folded_failures(
     requests: &[RequestAttempt],
     failures: &[AttemptFailure],

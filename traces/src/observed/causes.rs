@@ -1,5 +1,5 @@
-//! Finds one cause of many violations that is not the operator's: a clock that is off, a log that was written
-//! twice, or a log that restarts.
+//! Finds one cause of many violations that is not the operator's: a clock that is off, a log that
+//! was written twice, or a log that restarts.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use crate::event::{Decision, Event, Header, Input};
 
 /// A day in ns. No operator lets so much time pass between two lines on its own.
 const DAY: u64 = 86_400_000_000_000;
-/// The number of outputs whose result is still looked for, and the number of clock differences that are
-/// stored.
+/// The number of outputs whose result is still looked for, and the number of clock differences that
+/// are stored.
 const SAMPLES: usize = 1024;
 /// Time zones differ by multiples of this, in ns. Clocks of one host differ by less.
 const ZONE: u64 = 900_000_000_000;
@@ -71,8 +71,8 @@ pub(super) struct CauseTracker {
     early: Vec<u64>,
     /// The messages without an open: the first output of each, and `true` if it breaks a rule.
     unopened: BTreeMap<u64, (u64, bool)>,
-    /// The number of outputs with a timestamp that was never opened that break a rule, and the first such
-    /// timestamp.
+    /// The number of outputs with a timestamp that was never opened that break a rule, and the
+    /// first such timestamp.
     strange: (u64, Option<u64>),
     /// The number of messages without an output that break a rule.
     no_output: u64,
@@ -102,7 +102,8 @@ impl CauseTracker {
         }
     }
 
-    /// Notes a line of the trace. `was_opened` says whether it returns to a timestamp that was opened.
+    /// Notes a line of the trace. `was_opened` says whether it returns to a timestamp that was
+    /// opened.
     pub(super) fn sees(&mut self, line: u64, event: &Event, was_opened: bool) {
         let at = event.at();
         self.lines += 1;
@@ -148,8 +149,8 @@ impl CauseTracker {
         }
     }
 
-    /// If a message was done without an open and is opened at `at` after all, returns how long before its
-    /// output came, and `true` if that broke a rule.
+    /// If a message was done without an open and is opened at `at` after all, returns how long
+    /// before its output came, and `true` if that broke a rule.
     pub(super) fn opens_late(&mut self, t: u64, at: u64) -> Option<(u64, bool)> {
         let (output, is_broken) = self.unopened.remove(&t)?;
         let by = at.saturating_sub(output);
@@ -333,7 +334,8 @@ fn sample(samples: &mut BTreeMap<u64, Vec<u64>>, p: u64, by: u64) {
     }
 }
 
-/// Returns the median and the number of samples near it, if most samples lie within half of it or 20 ms.
+/// Returns the median and the number of samples near it, if most samples lie within half of it or
+/// 20 ms.
 fn constant(mut samples: Vec<u64>) -> Option<(u64, u64)> {
     samples.sort_unstable();
     let median = *samples.get(samples.len() / 2)?;

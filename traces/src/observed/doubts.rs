@@ -151,8 +151,8 @@ impl DoubtTracker {
         self.is_ordered
     }
 
-    /// Counts the requests of unheard clouds that were still awaited at their due instants. Under progressive
-    /// a message continues to wait for sources that outrank its output.
+    /// Counts the requests of unheard clouds that were still awaited at their due instants. Under
+    /// progressive a message continues to wait for sources that outrank its output.
     fn runs_out(&mut self, whole: &WholeMessageHistory, slack: &SourceSlack, end: u64) {
         let &WholeMessageHistory { ref story, outputs, finals, .. } = whole;
         for source in self.sources.iter_mut().filter(|source| !source.is_heard) {

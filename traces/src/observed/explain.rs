@@ -1,21 +1,22 @@
 //! Decides whether the rules can explain what was observed of one timestamp.
 //!
-//! Not all orders of all facts need to be tried. Three facts about explanations leave few candidates:
+//! Not all orders of all facts need to be tried. Three facts about explanations leave few
+//! candidates:
 //!
-//! - **Requests may come as early as they can.** All of them precede the retirement, and one more pending
-//!   source never brings it forward (F3, F6).
-//! - **A source closes once.** Whatever else comes from it is dropped, and only needs a place after that. So
-//!   a source is pending to the end, held, failed or fired, and each of these is possible within one interval
-//!   ([`ObservedSource`]).
-//! - **Later is better.** Until the retirement a pending source outranks every held result, and some source
-//!   is pending (P4, P7). Among the ways in which a source may close, the one that leaves it pending longest
-//!   serves the others best. One thing must not be late: under eager, a cloud's timer that is to find nothing
-//!   available. All such timers fire before the first result is held. So the instant between the two, the
-//!   *turn*, is tried.
+//! - **Requests may come as early as they can.** All of them precede the retirement, and one more
+//!   pending source never brings it forward (F3, F6).
+//! - **A source closes once.** Whatever else comes from it is dropped, and only needs a place after
+//!   that. So a source is pending to the end, held, failed or fired, and each of these is possible
+//!   within one interval ([`ObservedSource`]).
+//! - **Later is better.** Until the retirement a pending source outranks every held result, and
+//!   some source is pending (P4, P7). Among the ways in which a source may close, the one that
+//!   leaves it pending longest serves the others best. One thing must not be late: under eager, a
+//!   cloud's timer that is to find nothing available. All such timers fire before the first result
+//!   is held. So the instant between the two, the *turn*, is tried.
 //!
-//! The search tries the cause of the retirement, its instant and the turn. For `n` clouds there are at most
-//! `2n + 4` causes, `3n + 4` instants and `n + 2` turns, and each takes O(`n`²) steps. Nothing depends on the
-//! number of events that overlap.
+//! The search tries the cause of the retirement, its instant and the turn. For `n` clouds there are
+//! at most `2n + 4` causes, `3n + 4` instants and `n + 2` turns, and each takes O(`n`²) steps.
+//! Nothing depends on the number of events that overlap.
 
 /// An instant in the arithmetic of intervals, wide enough for sums of any four numbers of a trace.
 pub(super) type WideInstant = u128;
@@ -41,8 +42,8 @@ pub(super) struct InstantRange {
 pub(super) struct SourceTimer {
     /// The instants at which it may be served.
     pub(super) served: InstantRange,
-    /// The instant until which it may stay unserved: the end of that range, or never if the trace ends
-    /// before.
+    /// The instant until which it may stay unserved: the end of that range, or never if the trace
+    /// ends before.
     pub(super) by: WideInstant,
 }
 
@@ -141,7 +142,8 @@ impl ObservedFacts {
         self.turns(end).any(|turn| self.is_timeline(end, turn, |_| SourceRole::Any))
     }
 
-    /// Returns the earliest instant at which everything was requested, as it must be before the retirement.
+    /// Returns the earliest instant at which everything was requested, as it must be before the
+    /// retirement.
     pub(super) fn ready(&self) -> WideInstant {
         self.sources.iter().map(|source| source.requested).fold(self.open, WideInstant::max)
     }
@@ -205,8 +207,8 @@ impl ObservedFacts {
         }
     }
 
-    /// Returns the instants in `when` to try: its beginning, and each instant at which something becomes
-    /// possible.
+    /// Returns the instants in `when` to try: its beginning, and each instant at which something
+    /// becomes possible.
     fn instants(&self, when: InstantRange) -> impl Iterator<Item = WideInstant> {
         let begins = self.sources.iter().flat_map(|source| {
             [source.returns(), source.fails(), source.fires()].map(|span| span.from)
@@ -221,8 +223,8 @@ impl ObservedFacts {
         std::iter::once(at).chain(held.filter(|_| self.is_eager))
     }
 
-    /// Returns `true` if all sources can be in the state that they must have just before a retirement at
-    /// `at`, with the turn at `turn`.
+    /// Returns `true` if all sources can be in the state that they must have just before a
+    /// retirement at `at`, with the turn at `turn`.
     fn is_timeline(
         &self,
         at: WideInstant,
@@ -247,8 +249,8 @@ impl ObservedFacts {
         covers(pending, self.open, at)
     }
 
-    /// Returns the latest instant until which a source can be pending, given those above it, or `None` if it
-    /// cannot be in the state that it must have.
+    /// Returns the latest instant until which a source can be pending, given those above it, or
+    /// `None` if it cannot be in the state that it must have.
     fn lasts(
         &self,
         q: usize,
@@ -325,14 +327,16 @@ impl ObservedSource {
         }
     }
 
-    /// Returns the instants from an event on, as long as everything else that came can still come after it.
+    /// Returns the instants from an event on, as long as everything else that came can still come
+    /// after it.
     fn closes(&self, from: Option<WideInstant>, by: WideInstant) -> InstantRange {
         let from = from.map_or(NEVER, |from| from.max(self.requested));
         InstantRange { from, to: self.last.min(by) }
     }
 }
 
-/// Returns `true` if one of them is pending at every instant from `from` until just before the retirement.
+/// Returns `true` if one of them is pending at every instant from `from` until just before the
+/// retirement.
 fn covers(pending: &[InstantRange], from: WideInstant, at: WideInstant) -> bool {
     reach(pending, from) > at
 }

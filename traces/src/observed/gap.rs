@@ -7,8 +7,8 @@ use super::slack::Slack;
 
 /// Goes through the instants at which timestamps were opened, in the order of time.
 ///
-/// Lines may be out of order, and a later refusal may remove an open (A42). So each open waits until neither
-/// can happen any more.
+/// Lines may be out of order, and a later refusal may remove an open (A42). So each open waits
+/// until neither can happen any more.
 #[derive(Clone, Debug)]
 pub(super) struct Gaps {
     /// The longest time without an open that is not a gap.

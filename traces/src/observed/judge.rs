@@ -1,6 +1,8 @@
 //! The observed judge, line by line. `closing` judges what no later line can change.
 //!
-//! [`Judge`] collects what was recorded of each timestamp and judges it once no later line can change the verdict. `explain` decides whether the rules can explain a timestamp, and `violation` decides what to report if they cannot.
+//! [`Judge`] collects what was recorded of each timestamp and judges it once no later line can
+//! change the verdict. `explain` decides whether the rules can explain a timestamp, and `violation`
+//! decides what to report if they cannot.
 
 mod closing;
 
@@ -25,9 +27,10 @@ use crate::verdict::{Verdict, Violation};
 
 /// Judges one trace, line by line.
 ///
-/// A timestamp is judged when no further line can change the decision about it, or when the trace ends.
-/// Memory is bounded by the open timestamps, by the lines within a few tolerances of each other, and by the
-/// gaps in the numbers of timestamps that are done. It is not bounded by the trace's length.
+/// A timestamp is judged when no further line can change the decision about it, or when the trace
+/// ends. Memory is bounded by the open timestamps, by the lines within a few tolerances of each
+/// other, and by the gaps in the numbers of timestamps that are done. It is not bounded by the
+/// trace's length.
 #[derive(Clone, Debug)]
 pub struct Judge {
     header: Header,
@@ -124,7 +127,8 @@ pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, J
 }
 
 impl Judge {
-    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the verdict.
+    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the
+    /// verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header, slack: Slack) -> Self {
         Self {
@@ -158,7 +162,8 @@ impl Judge {
         self
     }
 
-    /// Sets the period, in ns, at which the operator opens timestamps (J1). Call this before the first line.
+    /// Sets the period, in ns, at which the operator opens timestamps (J1). Call this before the
+    /// first line.
     #[must_use]
     pub fn with_period(mut self, period: u64) -> Self {
         self.gaps = Some(Gaps::new(period, self.slack.own()));
@@ -182,8 +187,8 @@ impl Judge {
     /// Judges the next line, which has this number and no further keys.
     ///
     /// # Errors
-    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more than the
-    /// tolerances of both.
+    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more
+    /// than the tolerances of both.
     pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         self.annotated_line(line, event, &Annotations::NONE)
     }
@@ -191,8 +196,8 @@ impl Judge {
     /// Judges the next line, which has this number and these further keys.
     ///
     /// # Errors
-    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more than the
-    /// tolerances of both.
+    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more
+    /// than the tolerances of both.
     pub fn annotated_line(
         &mut self,
         line: u64,
@@ -269,8 +274,8 @@ impl Judge {
         self.finish_at(end, end)
     }
 
-    /// Ends the trace of a run that is known to have ended: nothing more was to come, so everything that it
-    /// owed is overdue (A44). Returns the verdict.
+    /// Ends the trace of a run that is known to have ended: nothing more was to come, so everything
+    /// that it owed is overdue (A44). Returns the verdict.
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.is_ended = true;
@@ -278,8 +283,8 @@ impl Judge {
         self.finish_at(u64::MAX, last)
     }
 
-    /// Ends a trace that continues or was cut short, so an output that may still come is not missing. Returns
-    /// the verdict.
+    /// Ends a trace that continues or was cut short, so an output that may still come is not
+    /// missing. Returns the verdict.
     #[must_use]
     pub fn finish_early(self) -> Verdict {
         let end = self.certain();

@@ -16,7 +16,8 @@ use crate::reason::DropReason;
 
 /// The number of facts that are stored before those that decide nothing are removed.
 const MANY: usize = 64;
-/// Stands for all sources that are neither local nor registered; only the instants of their inputs matter.
+/// Stands for all sources that are neither local nor registered; only the instants of their inputs
+/// matter.
 const STRANGER: u64 = u64::MAX;
 
 /// The observations of a timestamp so far.
@@ -120,10 +121,11 @@ pub(super) struct WholeMessageHistory<'a> {
 }
 
 impl OpenMessageHistory {
-    /// Notes a line of the timestamp. Returns whether the timestamp begins or ceases to wait for its output.
+    /// Notes a line of the timestamp. Returns whether the timestamp begins or ceases to wait for
+    /// its output.
     ///
-    /// `records_opens` is `true` if an open comes before the line in the trace. The timestamp may have `most`
-    /// outputs; only one more is stored.
+    /// `records_opens` is `true` if an open comes before the line in the trace. The timestamp may
+    /// have `most` outputs; only one more is stored.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -214,10 +216,11 @@ impl OpenMessageHistory {
         self.came.len() >= MANY || self.dropped.len() >= MANY
     }
 
-    /// Removes facts before `until` that decide nothing beside earlier ones of their kind, if there are many
-    /// facts.
+    /// Removes facts before `until` that decide nothing beside earlier ones of their kind, if there
+    /// are many facts.
     ///
-    /// Since this happens each time their number has doubled, it looks at each fact a few times in all.
+    /// Since this happens each time their number has doubled, it looks at each fact a few times in
+    /// all.
     pub(super) fn compact(&mut self, until: u64) {
         let is_due = |len: usize| len >= MANY && len.is_power_of_two();
         if is_due(self.came.len()) {
@@ -240,7 +243,8 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Returns the results of each source before `until` whose values may be of the latest timestamps.
+    /// Returns the results of each source before `until` whose values may be of the latest
+    /// timestamps.
     fn newest_before(&self, until: u64) -> BTreeMap<u64, ValueOrder> {
         let mut newest = BTreeMap::new();
         for came in self.came.iter().filter(|came| came.is_result && came.at < until) {
@@ -271,8 +275,8 @@ impl OpenMessageHistory {
         !self.opens.is_empty() && !self.has_come_out()
     }
 
-    /// Returns `true` if it was certainly open around the instant at which another timestamp was opened (P9).
-    /// Outputs until `end` would have been seen.
+    /// Returns `true` if it was certainly open around the instant at which another timestamp was
+    /// opened (P9). Outputs until `end` would have been seen.
     pub(super) fn is_surely_open(
         &self,
         at: u64,
@@ -315,13 +319,13 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Returns the instant from which on no line can change the decision about it, unless the line is a fact
-    /// of its own.
+    /// Returns the instant from which on no line can change the decision about it, unless the line
+    /// is a fact of its own.
     ///
-    /// A line may come `2T` after its turn, and its true instant may be `T` off. If the last output came,
-    /// whatever is observed later comes after the retirement. Otherwise the timestamp is closed when every
-    /// timer must have been served and every output must have come, so that it either stays open or has no
-    /// explanation.
+    /// A line may come `2T` after its turn, and its true instant may be `T` off. If the last output
+    /// came, whatever is observed later comes after the retirement. Otherwise the timestamp is
+    /// closed when every timer must have been served and every output must have come, so that it
+    /// either stays open or has no explanation.
     pub(super) fn closed_from(&self, commit: Commit, slack: &SourceSlack) -> u64 {
         let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);
@@ -354,8 +358,8 @@ impl OpenMessageHistory {
         // The earliest and the latest instant at which the first of these lines may have happened.
         let first = known.clone().map(|(at, tolerance)| at.saturating_sub(tolerance)).min();
         let first_by = known.map(|(at, tolerance)| at.saturating_add(tolerance)).min();
-        // An input may have come before the timestamp was open, after it was skipped, or beside its refusal
-        // (A43).
+        // An input may have come before the timestamp was open, after it was skipped, or beside its
+        // refusal (A43).
         let before = |at: u64, tolerance: u64| {
             let by = at.saturating_add(tolerance).saturating_add(lateness);
             first.is_none_or(|first| by < first)
@@ -429,8 +433,8 @@ impl OpenMessageHistory {
         refused.map(|open| Opened { at: open.at, line: open.line, t }).collect()
     }
 
-    /// Returns the opens that were not refused. A refusal removes the nearest open within `reach`, which is
-    /// two errors of the clock and the lateness (A42).
+    /// Returns the opens that were not refused. A refusal removes the nearest open within `reach`,
+    /// which is two errors of the clock and the lateness (A42).
     fn accepted(&self, reach: u64) -> Cow<'_, [OpenTimestamp]> {
         if self.refusals.is_empty() {
             return Cow::Borrowed(&self.opens);
@@ -470,8 +474,8 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Notes a drop line. It concerns everything that came from the source at its instant, in whatever order
-    /// the lines are.
+    /// Notes a drop line. It concerns everything that came from the source at its instant, in
+    /// whatever order the lines are.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
         self.dropped.insert(Dropped { p, at, is_unknown });
         let first = RequestClosing::new(p, at, false, None);
@@ -498,7 +502,8 @@ fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) 
     }
 }
 
-/// Orders results by how late a timestamp their values may be of. A value without `of` may be of the latest.
+/// Orders results by how late a timestamp their values may be of. A value without `of` may be of
+/// the latest.
 type ValueOrder = (bool, u64);
 
 impl OpenTimestamp {

@@ -1,19 +1,22 @@
-//! Decides whether the rules can explain what was observed of one timestamp under the progressive rule (F9).
+//! Decides whether the rules can explain what was observed of one timestamp under the progressive
+//! rule (F9).
 //!
-//! An explanation is one under patient in which each accepted result that outranks all before it is sent when
-//! it comes (P13). So what `explain` says of patient holds here too: requests come as early as they can, and
-//! each source is pending as long as it can be. A source whose output was observed sends it at an instant
-//! that fits. Any other source must not send so early that the trace would show it:
+//! An explanation is one under patient in which each accepted result that outranks all before it is
+//! sent when it comes (P13). So what `explain` says of patient holds here too: requests come as
+//! early as they can, and each source is pending as long as it can be. A source whose output was
+//! observed sends it at an instant that fits. Any other source must not send so early that the
+//! trace would show it:
 //!
-//! - **Pending until it is outranked or closed** is best: nothing else ends earlier because of it, and while
-//!   a source that outranks it is pending, nothing is retired.
+//! - **Pending until it is outranked or closed** is best: nothing else ends earlier because of it,
+//!   and while a source that outranks it is pending, nothing is retired.
 //! - **Sent unseen**, as late as it can, is the second choice: whatever it outranks ends then.
-//! - **Otherwise it must be outranked in time.** The next observed source above it must then send no later.
+//! - **Otherwise it must be outranked in time.** The next observed source above it must then send
+//!   no later.
 //!
-//! So the latest course of each source, from the highest down, is best for all sources below it. If a `final`
-//! was observed, the last output is tried as the retirement at each instant at which something becomes
-//! possible: for `n` clouds at most `3n + 4` instants, each in O(`n`³) steps. If none was observed, one try
-//! suffices, or one for each source if there is no output.
+//! So the latest course of each source, from the highest down, is best for all sources below it. If
+//! a `final` was observed, the last output is tried as the retirement at each instant at which
+//! something becomes possible: for `n` clouds at most `3n + 4` instants, each in O(`n`³) steps. If
+//! none was observed, one try suffices, or one for each source if there is no output.
 
 use super::explain::{InstantRange, LAST, NEVER, ObservedFacts, WideInstant, reach};
 
@@ -47,8 +50,8 @@ impl ProgressiveFacts {
         Self { facts: facts.clone(), outputs }
     }
 
-    /// Returns `true` if some explanation has these outputs, whenever it retires the timestamp. Without any
-    /// output it does not retire it.
+    /// Returns `true` if some explanation has these outputs, whenever it retires the timestamp.
+    /// Without any output it does not retire it.
     pub(super) fn is_explained(&self) -> bool {
         let ready = self.facts.ready();
         if self.outputs.iter().any(|output| output.is_observed()) {
@@ -59,8 +62,8 @@ impl ProgressiveFacts {
             || unseen.any(|with| with.is_timeline(None, FOREVER, ready))
     }
 
-    /// Returns `true` if some explanation has these outputs, sends the output of source `last` last, and
-    /// retires the timestamp at an instant of `when`.
+    /// Returns `true` if some explanation has these outputs, sends the output of source `last`
+    /// last, and retires the timestamp at an instant of `when`.
     pub(super) fn ends(&self, last: usize, when: InstantRange) -> bool {
         let from = when.from.max(self.facts.ready());
         let mut above = self.outputs.iter().skip(last + 1);
@@ -69,8 +72,8 @@ impl ProgressiveFacts {
             && instants.any(|at| self.is_timeline(Some(last), at, at))
     }
 
-    /// Returns the same facts with an output of source `q`, produced within `when` as far as that is
-    /// possible.
+    /// Returns the same facts with an output of source `q`, produced within `when` as far as that
+    /// is possible.
     pub(super) fn with(&self, q: usize, when: InstantRange) -> Self {
         let mut with = self.clone();
         if let Some(output) = with.outputs.get_mut(q) {
@@ -85,14 +88,14 @@ impl ProgressiveFacts {
         with
     }
 
-    /// Returns the first and the last instant at which the output of source `q` may be produced, given the
-    /// others.
+    /// Returns the first and the last instant at which the output of source `q` may be produced,
+    /// given the others.
     pub(super) fn span(&self, q: usize) -> Option<InstantRange> {
         span(|when| self.with(q, when).is_explained())
     }
 
-    /// Returns the instants in `when` to try as the retirement: its beginning, and each instant at which
-    /// something becomes possible.
+    /// Returns the instants in `when` to try as the retirement: its beginning, and each instant at
+    /// which something becomes possible.
     fn instants(&self, when: InstantRange) -> impl Iterator<Item = WideInstant> {
         let begins =
             self.facts.sources.iter().enumerate().flat_map(|(q, source)| {
@@ -102,8 +105,9 @@ impl ProgressiveFacts {
         Some(when.from).filter(|from| *from <= when.to).into_iter().chain(later)
     }
 
-    /// Returns `true` if all sources can have a course that gives these outputs and leaves the timestamp open
-    /// at least until `by`. If the last output is known, the timestamp is retired at `at`.
+    /// Returns `true` if all sources can have a course that gives these outputs and leaves the
+    /// timestamp open at least until `by`. If the last output is known, the timestamp is retired at
+    /// `at`.
     fn is_timeline(&self, last: Option<usize>, at: WideInstant, by: WideInstant) -> bool {
         let mut outranked = at;
         let mut pending: Vec<InstantRange> = Vec::with_capacity(self.facts.sources.len());
@@ -123,8 +127,8 @@ impl ProgressiveFacts {
         reach(&pending, self.facts.open) >= by
     }
 
-    /// Returns the latest instant at which the output of a source can be produced, if the next source above
-    /// it sends at `outranked`.
+    /// Returns the latest instant at which the output of a source can be produced, if the next
+    /// source above it sends at `outranked`.
     fn sent(&self, q: usize, outranked: WideInstant) -> Option<WideInstant> {
         let InstantRange { from, to } = self.sends(q);
         let below = &self.outputs[..q];
@@ -135,8 +139,8 @@ impl ProgressiveFacts {
         (from <= at).then_some(at)
     }
 
-    /// Returns the instant until which a source that does not send can be pending: until it is outranked, if
-    /// it may stay this long, or is closed.
+    /// Returns the instant until which a source that does not send can be pending: until it is
+    /// outranked, if it may stay this long, or is closed.
     fn unsent(&self, q: usize, outranked: WideInstant, may_stay: bool) -> Option<WideInstant> {
         let source = &self.facts.sources[q];
         if may_stay && outranked.max(source.requested) <= source.lasts() {
@@ -147,8 +151,8 @@ impl ProgressiveFacts {
         possible.map(|span| span.to.min(outranked)).max()
     }
 
-    /// Returns the instant by which an observed output must be produced because of the sources that it
-    /// outranks.
+    /// Returns the instant by which an observed output must be produced because of the sources that
+    /// it outranks.
     fn limit(&self, q: usize) -> WideInstant {
         if !self.outputs[q].is_observed() {
             return NEVER;
@@ -161,7 +165,8 @@ impl ProgressiveFacts {
         waits.map(|r| self.facts.sources[r].lasts()).min().unwrap_or(NEVER)
     }
 
-    /// Returns the instants at which the output of a source can be produced, considering only that source.
+    /// Returns the instants at which the output of a source can be produced, considering only that
+    /// source.
     fn sends(&self, q: usize) -> InstantRange {
         let InstantRange { from, to } = self.facts.sources[q].returns();
         match self.outputs[q] {
@@ -182,8 +187,8 @@ impl OutputTime {
     }
 }
 
-/// Returns the first and the last instant of an event, given a function that says whether the event may be
-/// within a range.
+/// Returns the first and the last instant of an event, given a function that says whether the event
+/// may be within a range.
 pub(super) fn span(may_be_within: impl Fn(InstantRange) -> bool) -> Option<InstantRange> {
     if !may_be_within(ALWAYS) {
         return None;

@@ -1,21 +1,23 @@
-//! The error of recorded instants, source by source, and the time by which an implementation may act late.
+//! The error of recorded instants, source by source, and the time by which an implementation may
+//! act late.
 
 use std::collections::BTreeMap;
 
-/// The greatest error of a recorded instant, and the time by which an implementation may act late, in nanoseconds.
+/// The greatest error of a recorded instant, and the time by which an implementation may act late,
+/// in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Slack {
     /// The error of every recorded instant, in either direction.
     pub tolerance: u64,
-    /// The greatest delay between a due instant and the serving of its timer, and between a decision and the
-    /// sending of its output.
+    /// The greatest delay between a due instant and the serving of its timer, and between a
+    /// decision and the sending of its output.
     pub lateness: u64,
 }
 
 /// A [`Slack`] with separate tolerances for sources whose stamps have another error.
 ///
-/// The lines of source `p` are its `request`, `result` and `fail`; all others are the operator's own. Between
-/// lines of two sources the errors of both add up.
+/// The lines of source `p` are its `request`, `result` and `fail`; all others are the operator's
+/// own. Between lines of two sources the errors of both add up.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SourceSlack {
     slack: Slack,
@@ -33,8 +35,8 @@ impl SourceSlack {
         self
     }
 
-    /// Returns the error of the operator's stamps, in ns, which also holds for sources without a tolerance of
-    /// their own.
+    /// Returns the error of the operator's stamps, in ns, which also holds for sources without a
+    /// tolerance of their own.
     #[must_use]
     pub const fn tolerance(&self) -> u64 {
         self.slack.tolerance

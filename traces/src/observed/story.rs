@@ -23,8 +23,8 @@ pub struct MessageHistory {
     pub outputs: Vec<(Option<u64>, u64)>,
     /// The outputs that were said to be the last: the source's priority and the instant (F9).
     pub finals: Vec<(u64, u64)>,
-    /// `true` if the operator has no local computation. Local then fails, at the latest when everything is
-    /// requested.
+    /// `true` if the operator has no local computation. Local then fails, at the latest when
+    /// everything is requested.
     pub without_local: bool,
 }
 
@@ -42,8 +42,8 @@ pub struct AllowedOutput {
 impl MessageHistory {
     /// Returns `true` if some explanation fits, in a trace whose greatest instant is `end`.
     ///
-    /// The answer is exact: `explain` describes the method, and the tests compare it with a search through
-    /// all orders.
+    /// The answer is exact: `explain` describes the method, and the tests compare it with a search
+    /// through all orders.
     #[must_use]
     pub fn is_explained(&self, commit: Commit, slack: impl Into<SourceSlack>, end: u64) -> bool {
         self.is_explained_within(commit, &slack.into(), end)
@@ -80,7 +80,8 @@ impl MessageHistory {
         }
     }
 
-    /// Returns the same under progressive, where each output is produced and the last one ends the timestamp.
+    /// Returns the same under progressive, where each output is produced and the last one ends the
+    /// timestamp.
     fn is_explained_progressively(&self, slack: &SourceSlack, end: u64) -> bool {
         let Some((facts, priorities)) = self.progressive(slack, end) else { return false };
         if !self.rises(slack) {
@@ -100,8 +101,8 @@ impl MessageHistory {
         }
     }
 
-    /// Returns `true` if the outputs rise in priority, as far as their stamps tell, and at most one final or
-    /// miss ends them (P1, A54).
+    /// Returns `true` if the outputs rise in priority, as far as their stamps tell, and at most one
+    /// final or miss ends them (P1, A54).
     pub(super) fn rises(&self, slack: &SourceSlack) -> bool {
         let twice = slack.tolerance().saturating_mul(2);
         let emits: Vec<_> = self.outputs.iter().filter_map(|(p, at)| Some(((*p)?, *at))).collect();
@@ -118,8 +119,9 @@ impl MessageHistory {
             && self.finals.iter().all(|(last, _)| emits.iter().all(|(p, _)| p <= last))
     }
 
-    /// Returns the facts as intervals under progressive, with the production of each output, and the sources'
-    /// priorities. Returns `None` if an output has no source or requests contradict each other.
+    /// Returns the facts as intervals under progressive, with the production of each output, and
+    /// the sources' priorities. Returns `None` if an output has no source or requests contradict
+    /// each other.
     pub(super) fn progressive(
         &self,
         slack: &SourceSlack,
@@ -136,8 +138,8 @@ impl MessageHistory {
         Some((facts, priorities))
     }
 
-    /// Returns the outputs that the rules allow for the other observations, and the instants at which each
-    /// may be recorded. Returns none if those observations contradict each other.
+    /// Returns the outputs that the rules allow for the other observations, and the instants at
+    /// which each may be recorded. Returns none if those observations contradict each other.
     #[must_use]
     pub fn allowed(
         &self,
@@ -174,8 +176,8 @@ impl MessageHistory {
         outputs.collect()
     }
 
-    /// Returns the facts as intervals, with the sources' priorities, or `None` if two requests or an order
-    /// contradict each other.
+    /// Returns the facts as intervals, with the sources' priorities, or `None` if two requests or
+    /// an order contradict each other.
     fn facts(
         &self,
         commit: Commit,

@@ -1,5 +1,5 @@
-//! Decides what to report for a timestamp that has no explanation: the rule or promise that is broken, and
-//! what was allowed.
+//! Decides what to report for a timestamp that has no explanation: the rule or promise that is
+//! broken, and what was allowed.
 
 mod progressive;
 
@@ -297,7 +297,8 @@ struct OutputFault {
     suspicion: Option<Suspicion>,
 }
 
-/// Returns the fault of an output: the rule or promise that it breaks, and the time by which it is too late.
+/// Returns the fault of an output: the rule or promise that it breaks, and the time by which it is
+/// too late.
 fn of_output(
     story: &MessageHistory,
     commit: Commit,

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use super::gap::Opened;
 use super::slack::SourceSlack;
 
-/// The opens that came while as many others as the window holds seemed open. Whether those were certainly
-/// open is known later, when no output that shows the opposite can come any more.
+/// The opens that came while as many others as the window holds seemed open. Whether those were
+/// certainly open is known later, when no output that shows the opposite can come any more.
 #[derive(Clone, Debug)]
 pub(super) struct CrowdedOpens {
     window: u64,
@@ -54,8 +54,8 @@ impl CrowdedOpens {
         }
     }
 
-    /// Returns the next open that can be decided in a trace that has certainly come to `passed`, or any open
-    /// at its end.
+    /// Returns the next open that can be decided in a trace that has certainly come to `passed`, or
+    /// any open at its end.
     pub(super) fn next(&mut self, passed: Option<u64>, slack: &SourceSlack) -> Option<Opened> {
         let opened = self.crowded.front()?;
         let by = slack.reach().saturating_add(slack.tolerance());

@@ -13,11 +13,12 @@ use crate::packed::{Packing, decoder};
 /// The number of pieces that wait to be read before unpacking pauses.
 const WAITING: usize = 4;
 
-/// Reads the lines of a trace as [`unpack`](crate::packed::unpack) does, but unpacks in a separate thread.
+/// Reads the lines of a trace as [`unpack`](crate::packed::unpack) does, but unpacks in a separate
+/// thread.
 ///
-/// An MCAP file uses two threads: the first unpacks the chunks, and the second makes lines of the messages. A
-/// plain trace needs no thread. The threads end with the packed bytes, or soon after the returned reader is
-/// dropped.
+/// An MCAP file uses two threads: the first unpacks the chunks, and the second makes lines of the
+/// messages. A plain trace needs no thread. The threads end with the packed bytes, or soon after
+/// the returned reader is dropped.
 ///
 /// # Errors
 /// Returns an error if the first bytes cannot be read or a thread cannot be started.

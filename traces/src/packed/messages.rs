@@ -112,8 +112,8 @@ impl<'a> Messages<'a> {
     /// Returns the next message, or `None` at the end. A message without `at` gets its log time.
     ///
     /// # Errors
-    /// Returns a [`MessageError`] if the file cannot be read, the topic is not JSON, or a message is not a
-    /// line of a trace.
+    /// Returns a [`MessageError`] if the file cannot be read, the topic is not JSON, or a message
+    /// is not a line of a trace.
     pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
         let Some(message) = self.raw.lend()? else { return Ok(None) };
         check_encoding(self.topic, &message)?;
@@ -227,7 +227,8 @@ impl From<io::Error> for MessageError {
     }
 }
 
-/// Returns the library's message, which may quote the file, as one line that no terminal takes for a command.
+/// Returns the library's message, which may quote the file, as one line that no terminal takes for
+/// a command.
 fn plain(error: &McapError) -> String {
     error.to_string().replace(char::is_control, "\u{fffd}")
 }

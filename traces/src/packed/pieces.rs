@@ -2,8 +2,8 @@
 
 use std::io::{self, BufRead, Read};
 
-/// The number of bytes that are unpacked at once. A longer line comes in several pieces, or makes a piece
-/// longer.
+/// The number of bytes that are unpacked at once. A longer line comes in several pieces, or makes a
+/// piece longer.
 pub(super) const PIECE: usize = 128 << 10;
 
 /// Fills pieces with unpacked bytes.

@@ -5,8 +5,8 @@ use fuseline_traces::Decision;
 
 use super::reason::{drop_reason, offer_refusal, open_refusal};
 
-/// The answer to one input, with the timestamp and priority of the input. `p` is any number, as in a trace
-/// (A18).
+/// The answer to one input, with the timestamp and priority of the input. `p` is any number, as in
+/// a trace (A18).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded result must be sent and a missed timestamp reported"]
 pub enum Answer<const CLOUDS: usize> {
@@ -75,8 +75,8 @@ impl<const CLOUDS: usize> Answer<CLOUDS> {
     }
 }
 
-/// Passes the decisions that a trace records for a firing to `decide` (F5). `at` is the instant in ns at
-/// which it was served.
+/// Passes the decisions that a trace records for a firing to `decide` (F5). `at` is the instant in
+/// ns at which it was served.
 pub fn decisions_of<const CLOUDS: usize>(
     at: u64,
     firing: &Firing<CLOUDS>,
@@ -86,8 +86,8 @@ pub fn decisions_of<const CLOUDS: usize>(
     for p in firing.timers.iter() {
         decide(Decision::Timer { at, t, p: number(p) });
     }
-    // A firing is never dropped or held, so no decision names a source. Under progressive it sends nothing
-    // either.
+    // A firing is never dropped or held, so no decision names a source. Under progressive it sends
+    // nothing either.
     conclude(at, t, 0, &firing.outcome, decide);
 }
 

@@ -1,5 +1,5 @@
-//! Converts the core's reasons to the reasons of a trace. A new reason does not compile until it is added
-//! here.
+//! Converts the core's reasons to the reasons of a trace. A new reason does not compile until it is
+//! added here.
 
 use fuseline_core as core;
 use fuseline_traces as trace;

@@ -1,7 +1,8 @@
 //! Carries out the machine's answers: items, calls to start and to abort, counts and logs (D3).
 //!
-//! This is the private half of [`Engine`], in the order in which an input uses it: what comes before the
-//! answer, the firings, the outcomes of results and failures, and what may start afterwards.
+//! This is the private half of [`Engine`], in the order in which an input uses it: what comes
+//! before the answer, the firings, the outcomes of results and failures, and what may start
+//! afterwards.
 
 use std::mem;
 use std::sync::Arc;
@@ -49,8 +50,8 @@ impl<V, R> Engine<V, R> {
         let Some(index) = self.sources.cloud(p).filter(|_| !cap.is_zero()) else {
             return Some(cap);
         };
-        // A policy is asked only about requests that will be admitted; otherwise it would count probes that
-        // were never sent (T6).
+        // A policy is asked only about requests that will be admitted; otherwise it would count
+        // probes that were never sent (T6).
         if self.policies.has_policy(index)
             && self.arbiter.offer_refusal((t, p.into()), nanos(cap), backlog).is_some()
         {
@@ -74,8 +75,8 @@ impl<V, R> Engine<V, R> {
         Some(chosen.deadline)
     }
 
-    /// Applies an input, carries out the firings before it (F0), and records everything. Returns the answer
-    /// and its instant.
+    /// Applies an input, carries out the firings before it (F0), and records everything. Returns
+    /// the answer and its instant.
     pub(super) fn decide(&mut self, input: &Input) -> (Answer<CLOUDS>, u64) {
         self.decide_annotated(input, || Annotations::NONE)
     }

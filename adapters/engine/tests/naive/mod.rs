@@ -15,7 +15,8 @@ pub(crate) type MarkedValue = (u64, u16);
 pub(crate) struct EngineSettings {
     pub(crate) header: Header,
     pub(crate) local: Local,
-    /// For each cloud of the header: calls at once, how long they linger, and whether a policy chooses.
+    /// For each cloud of the header: calls at once, how long they linger, and whether a policy
+    /// chooses.
     pub(crate) clouds: Vec<(usize, u64, bool)>,
     pub(crate) reserve: u64,
 }

@@ -6,7 +6,8 @@ use fuseline_engine::{Cloud, Commit, Engine, EngineConfig, Header, Local};
 
 pub(crate) type Tested = Engine<&'static str, u64>;
 
-/// Returns a header with the clouds 1 and 2, each with one call at a time and a gate that shuts at 2.
+/// Returns a header with the clouds 1 and 2, each with one call at a time and a gate that shuts at
+/// 2.
 pub(crate) fn header(commit: Commit) -> Header {
     let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 2, resume: 0 };
     let clouds = vec![cloud(2, "east"), cloud(1, "west")];

@@ -20,7 +20,8 @@ use crate::middleware::{Graph, MessagePublisher, REPORTS, TypeName};
 use crate::names::NodeName;
 use crate::service::{PendingRequest, Requests, ServiceReply};
 
-/// Serves the node's lifecycle in `tasks`: it begins unconfigured. Requests to the node come by the orders.
+/// Serves the node's lifecycle in `tasks`: it begins unconfigured. Requests to the node come by the
+/// orders.
 ///
 /// # Errors
 /// ROS refuses a service or the topic.
@@ -128,8 +129,8 @@ impl LifecycleServices {
         Some(PendingTransition { reply, done })
     }
 
-    /// Ends the current transition, and returns the state in which it ends. After an error everything is
-    /// closed, and the node starts again.
+    /// Ends the current transition, and returns the state in which it ends. After an error
+    /// everything is closed, and the node starts again.
     fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
         let mut next = result;
         while let Some(transition) = state.ended(next) {

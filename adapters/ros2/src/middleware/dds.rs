@@ -32,8 +32,8 @@ use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
 
-/// A reliable publisher keeps at most this many samples for subscribers that have not acknowledged them. Once it
-/// keeps that many, it writes no more.
+/// A reliable publisher keeps at most this many samples for subscribers that have not acknowledged
+/// them. Once it keeps that many, it writes no more.
 ///
 /// A subscriber that was killed acknowledges nothing until its lease ends, 10 s or 20 s in other
 /// implementations, and the others must not wait for it: this is half a minute at 30 Hz.
@@ -47,8 +47,9 @@ const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 /// The time from one check of the participant's event loop to the next.
 const LOOK: std::time::Duration = std::time::Duration::from_secs(1);
 
-/// At most this many samples of a topic are remembered, so that a sample that came to two participants is taken once.
-/// That covers about a second, and the history that a transient-local publisher sends again.
+/// At most this many samples of a topic are remembered, so that a sample that came to two
+/// participants is taken once. That covers about a second, and the history that a transient-local
+/// publisher sends again.
 const REMEMBERED: usize = 1024;
 
 /// A publisher of serialized messages.
@@ -256,7 +257,8 @@ impl Stamper {
 }
 
 impl Endpoint {
-    /// An endpoint in another participant, which replaces this end's once it has met the same peers.
+    /// An endpoint in another participant, which replaces this end's once it has met the same
+    /// peers.
     fn replaced_by<F>(
         self: Arc<Self>,
         next: Arc<Self>,

@@ -83,7 +83,8 @@ impl Endpoint {
         });
     }
 
-    /// Returns `true` if it gets messages from each peer of the former end, which has got all before.
+    /// Returns `true` if it gets messages from each peer of the former end, which has got all
+    /// before.
     pub(super) fn follows(&self, former: &Self) -> bool {
         let formers = former.peers(|peers| peers.matched.clone());
         self.peers(|peers| {

@@ -40,7 +40,8 @@ use crate::settings::{Qos, Role, Settings};
 /// The bounds on messages and bytes that wait for a slow link; one message may always wait.
 const WAITING: (usize, usize) = (1024, 64 << 20);
 
-/// At least this many messages of a topic may wait to be taken in, whatever its depth, so that a burst loses none.
+/// At least this many messages of a topic may wait to be taken in, whatever its depth, so that a
+/// burst loses none.
 const BURST: usize = 64;
 
 /// The node in its session.
@@ -62,7 +63,8 @@ struct SharedSession {
     ends: AtomicU64,
 }
 
-/// A publisher of serialized messages. A thread of its own publishes them, for a link that is too slow holds it up.
+/// A publisher of serialized messages. A thread of its own publishes them, for a link that is too
+/// slow holds it up.
 pub(crate) struct SerializedPublisher {
     end: Arc<Endpoint>,
     queue: mpsc::Sender<Payload>,
@@ -96,7 +98,8 @@ impl ZenohSession {
     pub(crate) async fn join(settings: &Settings) -> Result<Self, NodeError> {
         let config = config::from_environment()?;
         let (domain, node) = (settings.domain, settings.node.clone());
-        // Zenoh waits for threads of its own here, which it refuses to do on a thread of this runtime.
+        // Zenoh waits for threads of its own here, which it refuses to do on a thread of this
+        // runtime.
         let opened = apart(move || -> zenoh::Result<_> {
             let session = zenoh::open(config).wait()?;
             let routers = session.info().routers_zid().wait().count();
@@ -233,7 +236,8 @@ impl ZenohSession {
         Ok(end)
     }
 
-    /// Serves requests, of which the last `capacity` wait until they are taken. The service is there as long as the token.
+    /// Serves requests, of which the last `capacity` wait until they are taken. The service is
+    /// there as long as the token.
     pub(crate) fn queryable(
         &mut self,
         name: &str,

@@ -82,7 +82,8 @@ fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) 
     Ok(())
 }
 
-/// Returns `true` if the pattern matches the name: `*` stands for one part and `**` for any number of parts.
+/// Returns `true` if the pattern matches the name: `*` stands for one part and `**` for any number
+/// of parts.
 fn matches(pattern: &[&str], name: &[&str]) -> bool {
     let (mut part, mut at) = (0, 0);
     // The last ** and where the name goes on after it; earlier ones need no second try.

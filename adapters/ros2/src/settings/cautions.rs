@@ -93,7 +93,8 @@ impl Settings {
         Some(format!("diagnostics.period is {} s: it is in seconds", period.as_secs_f64()))
     }
 
-    /// DDS begins at port 7400 and has 250 ports a domain; Linux gives 32768 to 60999 to any program, unless it is set otherwise.
+    /// DDS begins at port 7400 and has 250 ports a domain; Linux gives 32768 to 60999 to any
+    /// program, unless it is set otherwise.
     fn ports(&self) -> Option<String> {
         let domain = Some(self.domain).filter(|it| (102..=214).contains(it))?;
         let first = 7400 + 250 * u32::from(domain);
@@ -125,7 +126,8 @@ impl Settings {
         ))
     }
 
-    /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; with its remedy.
+    /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; with
+    /// its remedy.
     fn given_away(&self) -> Option<String> {
         if self.commit != Commit::Eager || self.deadlines.kind != PolicyKind::Set {
             return None;

@@ -87,8 +87,8 @@ impl Settings {
         changed.keep_pace()
     }
 
-    /// Sets a parameter; returns what that changes, and its value as it is kept: a whole number where a number with a
-    /// point is expected is one.
+    /// Sets a parameter; returns what that changes, and its value as it is kept: a whole number
+    /// where a number with a point is expected is one.
     pub(crate) fn change(
         &mut self,
         name: &str,

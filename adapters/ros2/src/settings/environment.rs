@@ -1,6 +1,7 @@
 //! Reads ROS 2's environment variables: domain, middleware, whom to meet, and security.
 //!
-//! Each is honoured, or the node says that it is not. A node that is to be secured and cannot be does not start.
+//! Each is honoured, or the node says that it is not. A node that is to be secured and cannot be
+//! does not start.
 
 use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::{Middleware, Settings, SettingsError};
@@ -13,7 +14,8 @@ const PEERS: &str = "ROS_STATIC_PEERS";
 const SECURITY: &str = "ROS_SECURITY_ENABLE";
 const STRATEGY: &str = "ROS_SECURITY_STRATEGY";
 
-/// The middlewares with which the node is tested, as ROS 2 names them, and which of its own speaks with each.
+/// The middlewares with which the node is tested, as ROS 2 names them, and which of its own speaks
+/// with each.
 const KNOWN: [(&str, Middleware); 4] = [
     ("rmw_fastrtps_cpp", Middleware::Dds),
     ("rmw_fastrtps_dynamic_cpp", Middleware::Dds),
@@ -58,7 +60,8 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
     }
 
     fn localhost_only(&self) -> Option<ParameterOverride> {
-        // As in rcl, what is no range counts as LOCALHOST. There is no node without discovery, so OFF counts as LOCALHOST too.
+        // As in rcl, what is no range counts as LOCALHOST. There is no node without discovery, so
+        // OFF counts as LOCALHOST too.
         let is_near = |range: String| !matches!(&*range, "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET");
         let variable = if self.get(RANGE).is_some_and(is_near) {
             RANGE

@@ -232,8 +232,8 @@ const fn changeable(name: &'static str, kind: Kind, preset: Preset, about: &'sta
     Spec { at_run_time: true, ..fixed(name, kind, preset, about) }
 }
 
-/// Returns a number of seconds as a deadline, or `None` if it is not valid: a deadline is more than 0
-/// when rounded to nanoseconds, and at most 10⁹ seconds.
+/// Returns a number of seconds as a deadline, or `None` if it is not valid: a deadline is more than
+/// 0 when rounded to nanoseconds, and at most 10⁹ seconds.
 #[must_use]
 pub fn seconds(seconds: f64) -> Option<Duration> {
     let time = Duration::try_from_secs_f64(seconds).ok()?;
@@ -268,7 +268,8 @@ fn is_part(name: &str, part: &str) -> bool {
 }
 
 impl Kind {
-    /// Returns `true` if a parameter of this kind may have the value. No deadline is longer than `greatest`.
+    /// Returns `true` if a parameter of this kind may have the value. No deadline is longer than
+    /// `greatest`.
     pub(super) fn accepts(self, value: &Value, greatest: Duration) -> bool {
         match (self, value) {
             (Self::Flag, Value::Bool(_))

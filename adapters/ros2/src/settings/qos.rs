@@ -57,8 +57,8 @@ pub struct Qos {
 }
 
 impl Qos {
-    /// Returns the default: subscriptions are best effort, as for sensor data; publishers are reliable, which
-    /// suits any subscriber.
+    /// Returns the default: subscriptions are best effort, as for sensor data; publishers are
+    /// reliable, which suits any subscriber.
     #[must_use]
     pub const fn of(role: Role) -> Self {
         Self { reliable: matches!(role, Role::Publisher), transient_local: false, depth: 5 }

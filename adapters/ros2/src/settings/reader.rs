@@ -1,4 +1,5 @@
-//! Reads parameters one by one, each by its line in the table; what is left at the end is no parameter of the node.
+//! Reads parameters one by one, each by its line in the table; what is left at the end is no
+//! parameter of the node.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -237,8 +238,9 @@ impl<'a> ParameterReader<'a> {
 
     /// Applies the rest, which must be quality of service of the node's topics.
     ///
-    /// Returns what is for other nodes and not for this one, in a sentence each. Only what is given under a wildcard can be, and
-    /// that is refused too if it can hardly mean anything but a parameter of this node.
+    /// Returns what is for other nodes and not for this one, in a sentence each. Only what is given
+    /// under a wildcard can be, and that is refused too if it can hardly mean anything but a
+    /// parameter of this node.
     pub(super) fn apply_rest(&mut self) -> Result<Vec<String>, SettingsError> {
         let mut idle = Vec::new();
         for parameter in std::mem::take(&mut self.overrides).into_values() {

@@ -9,7 +9,8 @@ fn source(index: u8) -> Source {
     Source::new(index).unwrap()
 }
 
-/// Returns every state that a message with these clouds can have, with and without a deadline for local.
+/// Returns every state that a message with these clouds can have, with and without a deadline for
+/// local.
 fn reachable(commit: Commit, clouds: u8) -> Vec<Slot> {
     let mut found = vec![Slot::open(false), Slot::open(true)];
     for at in 0.. {

@@ -1,4 +1,5 @@
-//! The calls that threads made at the machine and when, and the search for one order that explains them.
+//! The calls that threads made at the machine and when, and the search for one order that explains
+//! them.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,5 +1,5 @@
-//! The machine for many threads under test: the callers' inputs, their answers, and a check that some order
-//! of the pure step explains the answers.
+//! The machine for many threads under test: the callers' inputs, their answers, and a check that
+//! some order of the pure step explains the answers.
 
 mod history;
 mod input;

@@ -1,6 +1,6 @@
-//! The operator's clock. An event's instant is read after the event (F0). Reading the clock costs as
-//! much as answering an input, so a reading is used again as long as only the loop's own steps lie
-//! between.
+//! The operator's clock. An event's instant is read after the event (F0). Reading the clock costs
+//! as much as answering an input, so a reading is used again as long as only the loop's own steps
+//! lie between.
 
 use std::time::Duration;
 

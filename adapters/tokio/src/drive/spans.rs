@@ -93,7 +93,8 @@ impl MessageSpans {
 
     /// Ends the span of a request whose result came.
     pub(super) fn complete<V>(&mut self, key: (u16, u64), result: &Result<StampedValue<V>, Error>) {
-        // Without a subscriber the map is empty, and looking at its length is cheaper than a search.
+        // Without a subscriber the map is empty, and looking at its length is cheaper than a
+        // search.
         if !self.away.is_empty()
             && let Some(mut span) = self.away.remove(&key)
         {

@@ -155,8 +155,8 @@ impl InferClient {
     /// Requests a description of what the server serves.
     ///
     /// # Errors
-    /// Returns the status from the server, or from the connection to it; `Unimplemented` if the server
-    /// does not say.
+    /// Returns the status from the server, or from the connection to it; `Unimplemented` if the
+    /// server does not say.
     pub async fn describe(
         &mut self,
         request: tonic::Request<()>,

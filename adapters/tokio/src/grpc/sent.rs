@@ -12,7 +12,8 @@ use tonic::transport::{self, Channel};
 
 use crate::call::Call;
 
-/// Counts what the channel takes of a request, for the [`Call`](crate::Call) in the request, if there is one.
+/// Counts what the channel takes of a request, for the [`Call`](crate::Call) in the request, if
+/// there is one.
 #[derive(Clone, Debug)]
 pub struct CountedBody(pub(crate) Channel);
 

@@ -23,7 +23,8 @@ pub(crate) enum SourceAction {
     Never,
 }
 
-/// Removes local's deadline of a second, which a computation on a real clock may exceed on a busy host.
+/// Removes local's deadline of a second, which a computation on a real clock may exceed on a busy
+/// host.
 pub(crate) fn without_deadline<I, O>(mut local: Local<I, O>) -> Local<I, O> {
     local.deadline = None;
     local

@@ -86,8 +86,8 @@ impl TimestampHistory {
         source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
     }
 
-    /// Returns the outcome of each source's request as its index in [`COLUMNS`](super::COLUMNS), or 0 for a source
-    /// without a request.
+    /// Returns the outcome of each source's request as its index in [`COLUMNS`](super::COLUMNS), or
+    /// 0 for a source without a request.
     pub(super) fn fates(&self, sources: usize, is_observed: bool) -> Vec<u8> {
         let is_message = self.is_message();
         let fate = |source| self.request_outcome(source, is_observed).filter(|_| is_message);

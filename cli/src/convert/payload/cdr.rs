@@ -64,7 +64,8 @@ pub(in crate::convert) enum CdrError {
 }
 
 impl CdrLayout {
-    /// Returns the values of a message by their paths, such as `header.stamp.sec`; those in arrays are passed over.
+    /// Returns the values of a message by their paths, such as `header.stamp.sec`; those in arrays
+    /// are passed over.
     pub(super) fn read(&self, data: &[u8]) -> Result<Cells, CdrError> {
         let (kind, body) = data.split_at_checked(4).ok_or(CdrError::Short("the header"))?;
         let is_little = match u16::from_be_bytes([kind[0], kind[1]]) {

@@ -14,7 +14,8 @@ pub(super) fn message_type(name: &str, descriptors: &[u8]) -> Result<MessageDesc
     pool.get_message_by_name(name).ok_or_else(|| "the descriptors lack it".to_owned())
 }
 
-/// Returns the values of a message by their paths, such as `header.stamp`; lists, maps and bytes have none.
+/// Returns the values of a message by their paths, such as `header.stamp`; lists, maps and bytes
+/// have none.
 pub(super) fn cells(of: &MessageDescriptor, data: &[u8]) -> Result<Cells, String> {
     let message = DynamicMessage::decode(of.clone(), data).map_err(|error| error.to_string())?;
     let mut cells = Vec::new();

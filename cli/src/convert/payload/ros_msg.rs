@@ -1,4 +1,5 @@
-//! ROS 2 message definitions, as recordings have them: a type, then those that it needs, behind lines of `=`.
+//! ROS 2 message definitions, as recordings have them: a type, then those that it needs, behind
+//! lines of `=`.
 
 use std::collections::BTreeMap;
 

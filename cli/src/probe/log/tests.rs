@@ -155,7 +155,8 @@ fn same_quantiles(spread: &Spread, mut times: Vec<Option<Duration>>) {
     }
 }
 
-/// Answers that come slowly, so that pauses begin and end; some fail, and now and then slots are overslept.
+/// Answers that come slowly, so that pauses begin and end; some fail, and now and then slots are
+/// overslept.
 #[test]
 fn each_row_count_and_quantile_is_that_of_a_recount() {
     for seed in 0..40 {

@@ -28,8 +28,8 @@ Exit codes:
   2  bad input, reported in one line
   130  interrupted";
 
-/// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks the
-/// outcome.
+/// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks
+/// the outcome.
 ///
 /// The seeds that ever failed come first, then fresh ones.
 #[derive(Parser)]

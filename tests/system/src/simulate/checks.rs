@@ -1,7 +1,7 @@
 //! The checks of every run, by name.
 //!
-//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), but never the
-//! operator's state.
+//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), but never
+//! the operator's state.
 
 mod account;
 mod calls;
@@ -69,8 +69,8 @@ impl<'a> Facts<'a> {
         judge::findings(CHECKS, |holds| holds(self))
     }
 
-    /// Returns `true` if events at this instant may be missing from the trace, because the operator was
-    /// stopped or the trace ends.
+    /// Returns `true` if events at this instant may be missing from the trace, because the operator
+    /// was stopped or the trace ends.
     pub(crate) fn is_after(&self, at: u64) -> bool {
         let is_stopped = self.played.log.stopped.is_some_and(|stopped| stopped <= at);
         is_stopped || (!self.is_whole && self.replay.end <= at)

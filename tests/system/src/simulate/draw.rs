@@ -11,7 +11,8 @@ use crate::simulate::scenario::{
     ScenarioCloud, ScenarioLink, SourceAction,
 };
 
-/// This many lines of a trace may always wait for the disk, because the disk is as slow as the host.
+/// This many lines of a trace may always wait for the disk, because the disk is as slow as the
+/// host.
 const LINES: usize = 30_000;
 
 /// A source's behaviour for some time.
@@ -234,8 +235,8 @@ fn audience(rng: &mut Rng, end: Finish) -> ReaderPlan {
     }
 }
 
-/// Draws stalls of whole milliseconds: tokio's clock advances by these, and would be up to two late between
-/// them.
+/// Draws stalls of whole milliseconds: tokio's clock advances by these, and would be up to two late
+/// between them.
 fn stalls(rng: &mut Rng, span: Duration) -> Vec<(Duration, Duration)> {
     let count = rng.one_of(&[0, 0, 0, 1, 4]);
     let stall = |rng: &mut Rng| (span.mul_f64(rng.f64()), Duration::from_millis(rng.u64(1..90)));

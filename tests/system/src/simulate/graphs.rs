@@ -1,5 +1,5 @@
-//! Graphs of operators, as `adapters/tokio/tests` draws them. Checks their promises (E1 to E7) and their
-//! floor (E11).
+//! Graphs of operators, as `adapters/tokio/tests` draws them. Checks their promises (E1 to E7) and
+//! their floor (E11).
 
 use std::io;
 
@@ -13,8 +13,8 @@ mod drawn;
 #[expect(dead_code, reason = "conditions are broken by the tests of the adapter alone")]
 mod floor;
 
-/// Returns what is wrong with the graph that this seed draws, and with the floor of the pipeline that it
-/// draws, in virtual time.
+/// Returns what is wrong with the graph that this seed draws, and with the floor of the pipeline
+/// that it draws, in virtual time.
 ///
 /// # Errors
 /// Returns an error if no runtime can be created.

@@ -1,4 +1,5 @@
-//! The observations from outside of the operator. The simulated parts write them, and the checks read them.
+//! The observations from outside of the operator. The simulated parts write them, and the checks
+//! read them.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -23,7 +24,8 @@ pub(crate) struct SimulationState {
     pub(crate) values: InstanceCounts,
 }
 
-/// The observations in the order in which they happened. Instants are nanoseconds of the operator's clock.
+/// The observations in the order in which they happened. Instants are nanoseconds of the operator's
+/// clock.
 #[derive(Default, PartialEq, Debug)]
 pub(crate) struct Log {
     /// The message's number and the instant of its writing, by timestamp.
@@ -39,8 +41,8 @@ pub(crate) struct Log {
     pub(crate) hints: Vec<LoggedHint>,
     /// The ends that policies were told, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
-    /// The side requests: how many the handler offered, how many are under way, the most that were, and how
-    /// many responses reached the response handler.
+    /// The side requests: how many the handler offered, how many are under way, the most that were,
+    /// and how many responses reached the response handler.
     pub(crate) sides: [usize; 4],
     /// The messages that were given to the link, in order.
     pub(crate) link: Vec<LinkPass>,
@@ -163,8 +165,8 @@ impl SimulationState {
         lock(&self.log)
     }
 
-    /// Waits until a request or a result is through the link, if there is one. Returns `true` if it found
-    /// room.
+    /// Waits until a request or a result is through the link, if there is one. Returns `true` if it
+    /// found room.
     pub(crate) async fn pass(&self, direction: LinkDirection) -> bool {
         let Some(ScenarioLink { bytes, .. }) = self.scenario.link else { return true };
         let at = self.now();

@@ -1,5 +1,5 @@
-//! The simulated parts around the operator: sources that follow the scenario, a camera, readers, and a
-//! process that stalls.
+//! The simulated parts around the operator: sources that follow the scenario, a camera, readers,
+//! and a process that stalls.
 //!
 //! They write their observations into the log, and judge nothing.
 

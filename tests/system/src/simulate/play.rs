@@ -1,5 +1,5 @@
-//! Plays a scenario with the shipped operator on tokio's paused clock, which advances only while all tasks
-//! sleep.
+//! Plays a scenario with the shipped operator on tokio's paused clock, which advances only while
+//! all tasks sleep.
 
 use std::fs;
 use std::io;
@@ -74,7 +74,8 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> 
             Ok((running, items)) => {
                 tokio::spawn(camera(Arc::clone(&simulation), writer));
                 tokio::spawn(stall(Arc::clone(&simulation)));
-                // It is a task, because others may have their turn at its instant before and after it.
+                // It is a task, because others may have their turn at its instant before and after
+                // it.
                 tokio::spawn(run(Arc::clone(&simulation), running, items)).await?
             }
             Err(error) => (OperatorEnd::NotStarted(error.to_string()), None),
@@ -127,8 +128,8 @@ async fn run(
             join(running, &mut counts).await
         }
     };
-    // Readers read to the end, and local continues. This waits until a fixed instant, because virtual time
-    // may advance while the recorder's thread ends, which takes real time.
+    // Readers read to the end, and local continues. This waits until a fixed instant, because
+    // virtual time may advance while the recorder's thread ends, which takes real time.
     sleep_until(simulation.at(FOR_EVER * 2)).await;
     let now = simulation.now();
     simulation.log().over = Some(now);
@@ -171,7 +172,8 @@ fn config(scenario: &Scenario, path: PathBuf) -> Config {
     }
 }
 
-/// Empties the folder, and fills the disk if the scenario says so: a part of the trace is `/dev/full`.
+/// Empties the folder, and fills the disk if the scenario says so: a part of the trace is
+/// `/dev/full`.
 fn prepare(scenario: &Scenario, folder: &Path) -> io::Result<PathBuf> {
     for entry in fs::read_dir(folder)? {
         fs::remove_file(entry?.path())?;

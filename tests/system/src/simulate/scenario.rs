@@ -1,5 +1,5 @@
-//! A run as plain data: the configuration, the messages, and the disruptions. `draw` makes it, and `shrink`
-//! makes it smaller.
+//! A run as plain data: the configuration, the messages, and the disruptions. `draw` makes it, and
+//! `shrink` makes it smaller.
 
 use std::fmt;
 use std::time::Duration;
@@ -73,8 +73,8 @@ pub struct ScenarioCloud {
     pub policy: Option<Duration>,
 }
 
-/// A link: requests wait for the uplink, and results for the downlink. A request that finds no room fails,
-/// and a result never arrives.
+/// A link: requests wait for the uplink, and results for the downlink. A request that finds no room
+/// fails, and a result never arrives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ScenarioLink {
     /// The rates up and down, in bits per second.

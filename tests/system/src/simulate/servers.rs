@@ -1,5 +1,5 @@
-//! A gRPC server among well-behaved and hostile clients, as `adapters/tokio/tests/visitors.rs` draws them
-//! (D6, D8, D12).
+//! A gRPC server among well-behaved and hostile clients, as `adapters/tokio/tests/visitors.rs`
+//! draws them (D6, D8, D12).
 
 use std::io;
 

@@ -14,7 +14,8 @@ use crate::simulate::scenario::{
 /// The greatest number of runs that are tried.
 const TRIES: usize = 3000;
 
-/// Returns the smallest run that was found for which `shows` returns `true`. The run itself must show it.
+/// Returns the smallest run that was found for which `shows` returns `true`. The run itself must
+/// show it.
 pub(crate) fn smallest(
     scenario: &Scenario,
     mut shows: impl FnMut(&Scenario) -> io::Result<bool>,
@@ -79,7 +80,8 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     if scenario.frames.len() <= 40 {
         (0..scenario.frames.len()).for_each(|index| simplify_frame(index, scenario, &mut all));
     }
-    // Without it, a message whose local computation hangs stays open without end, which shows nothing else.
+    // Without it, a message whose local computation hangs stays open without end, which shows
+    // nothing else.
     all.push(Box::new(|it| {
         let hangs = |act: SourceAction| {
             matches!(act.result, CallResult::Hangs | CallResult::HangsAndPanics)

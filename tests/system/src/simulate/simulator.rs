@@ -15,7 +15,8 @@ use crate::simulate::play::{OperatorEnd, RunResult, play};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::shrink;
 
-/// Plays scenarios, one after the other, with files in its own folder, which is in memory if possible.
+/// Plays scenarios, one after the other, with files in its own folder, which is in memory if
+/// possible.
 pub struct Simulator {
     folder: TempDir,
 }

@@ -64,8 +64,8 @@ impl Judge {
         self.passed.saturating_sub(greatest.saturating_mul(2).saturating_add(1))
     }
 
-    /// Returns `true` if a timestamp is not open and has no output: it was refused, never opened, or retired
-    /// before.
+    /// Returns `true` if a timestamp is not open and has no output: it was refused, never opened,
+    /// or retired before.
     fn is_not_open(&self, t: u64, whole: &WholeMessageHistory) -> bool {
         Self::is_refused(whole) || whole.is_none() || self.ended.contains(&t)
     }
@@ -162,8 +162,8 @@ impl Judge {
         (!is_broken).then(|| of_late_open(t, whole, by))
     }
 
-    /// Settles the opens that no line can change any more in a trace that has come to `greatest`, or all
-    /// opens at its end (J1).
+    /// Settles the opens that no line can change any more in a trace that has come to `greatest`,
+    /// or all opens at its end (J1).
     pub(super) fn settle(&mut self, greatest: Option<u64>) {
         while let Some(gaps) = &mut self.gaps
             && let Some(opened) = gaps.next()
@@ -185,8 +185,8 @@ impl Judge {
         }
     }
 
-    /// Settles the opens that came while others were open, in a trace that has certainly come to `passed`
-    /// (P9).
+    /// Settles the opens that came while others were open, in a trace that has certainly come to
+    /// `passed` (P9).
     pub(super) fn settle_crowded(&mut self, passed: Option<u64>, end: u64) {
         while let Some(Opened { at, line, t }) = self.crowded.next(passed, &self.slack) {
             let window = usize::try_from(self.crowded.window()).unwrap_or(usize::MAX);

@@ -8,7 +8,8 @@ use super::super::explain::{InstantRange, RetirementOutput, WideInstant};
 use super::super::slack::Slack;
 use super::*;
 
-/// Searches all explanations, one after the other. This is the definition in `SPEC.md`, word for word.
+/// Searches all explanations, one after the other. This is the definition in `SPEC.md`, word for
+/// word.
 struct Search<'a> {
     story: &'a MessageHistory,
     commit: Commit,
@@ -381,7 +382,8 @@ fn slacks() -> impl Strategy<Value = SourceSlack> {
     })
 }
 
-/// Returns the greatest instant of a story's trace, in which another timestamp's lines come `rest` later.
+/// Returns the greatest instant of a story's trace, in which another timestamp's lines come `rest`
+/// later.
 fn end(story: &MessageHistory, rest: u64) -> u64 {
     let requests = story.requests.iter().map(|(_, at, _)| *at);
     let came = story.results.iter().chain(&story.failures).map(|(_, at)| *at);
@@ -473,7 +475,8 @@ proptest! {
         prop_assert_eq!(instants(&|when| facts.yields(RetirementOutput::Miss, when)), misses);
     }
 
-    /// Records the outputs of a story with all errors that may occur, and leaves out or moves some of them.
+    /// Records the outputs of a story with all errors that may occur, and leaves out or moves some
+    /// of them.
     #[test]
     fn progressive_explains_what_any_order_explains(
         story in stories(), slack in slacks(), end in 0..19_u64, noise in vec(any::<(u8, u8, u8)>(), 64)
@@ -496,8 +499,8 @@ proptest! {
     }
 }
 
-/// Returns everything that progressive may send for a story. Before the trace's first instant nothing can
-/// tell two instants apart.
+/// Returns everything that progressive may send for a story. Before the trace's first instant
+/// nothing can tell two instants apart.
 fn progressive_ends(story: &MessageHistory, slack: &SourceSlack, end: u64) -> Vec<ProducedOutputs> {
     let search = Search { story, commit: Commit::Progressive, slack, end, horizon: HORIZON };
     let ends: BTreeSet<_> = search

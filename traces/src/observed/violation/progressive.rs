@@ -1,5 +1,5 @@
-//! Decides what to report for a timestamp that has no explanation under the progressive rule (F9): its first
-//! output that does not fit, an output that is missing, or its final.
+//! Decides what to report for a timestamp that has no explanation under the progressive rule (F9):
+//! its first output that does not fit, an output that is missing, or its final.
 
 use super::super::open::{ObservedOutput, WholeMessageHistory};
 use super::super::progressive::{ALWAYS, OutputTime, ProgressiveFacts, span};
@@ -32,8 +32,8 @@ pub(super) fn of_disorder(
     Some(UnlocatedViolation::new(Rule::P1, line, found, expected.to_owned()))
 }
 
-/// Reports the first output without an explanation, if the facts alone have one and the outputs have one
-/// order. Returns `None` if there is no output, or only a miss.
+/// Reports the first output without an explanation, if the facts alone have one and the outputs
+/// have one order. Returns `None` if there is no output, or only a miss.
 pub(super) fn of_progressive(
     t: u64,
     whole: &WholeMessageHistory,

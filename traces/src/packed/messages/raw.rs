@@ -15,9 +15,9 @@ use super::{MessageError, blocks};
 
 /// The longest record in bytes; a 4K image with four channels fits.
 ///
-/// A record in an lz4 chunk takes the memory that it claims before its first byte arrives, and any record
-/// takes up to three times its length while a buffer grows. All schemas together may have this many bytes
-/// too.
+/// A record in an lz4 chunk takes the memory that it claims before its first byte arrives, and any
+/// record takes up to three times its length while a buffer grows. All schemas together may have
+/// this many bytes too.
 pub const RECORD: usize = 40 << 20;
 /// The number of other topics that are remembered.
 const SEEN: usize = 1000;
@@ -196,15 +196,16 @@ impl<'a> RawMessages<'a> {
                     self.channels.insert(channel.id, (topic, Rc::new(format)));
                 }
             }
-            // Other records are not parsed, because the library allocates whatever length a text in them
-            // claims.
+            // Other records are not parsed, because the library allocates whatever length a text in
+            // them claims.
             _ => {}
         }
         Ok(())
     }
 }
 
-/// Returns a schema and its number, or `None` if it is not whole or its definition is longer than `room`.
+/// Returns a schema and its number, or `None` if it is not whole or its definition is longer than
+/// `room`.
 fn schema_of(record: &[u8], room: usize) -> Option<(u16, PayloadSchema)> {
     // The number comes before the name, the encoding and the definition.
     record.get(2..).and_then(after_text).and_then(after_text).and_then(after_text)?;
@@ -216,10 +217,11 @@ fn schema_of(record: &[u8], room: usize) -> Option<(u16, PayloadSchema)> {
     Some((header.id, schema)).filter(|(_, schema)| schema.data.len() <= room)
 }
 
-/// Returns `true` if the texts of a channel's record end within it: topic, encoding, and pairs of metadata.
+/// Returns `true` if the texts of a channel's record end within it: topic, encoding, and pairs of
+/// metadata.
 ///
-/// The library allocates whatever length a text claims, and it looks for the value of a last key behind the
-/// pairs.
+/// The library allocates whatever length a text claims, and it looks for the value of a last key
+/// behind the pairs.
 fn is_whole_channel(channel: &[u8]) -> bool {
     // The numbers of the channel and of its schema come first.
     let texts = channel.get(4..).and_then(after_text).and_then(after_text);

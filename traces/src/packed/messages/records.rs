@@ -1,8 +1,8 @@
 //! [`RecordBlocks`]: reads the records of an MCAP file in sequence, and unpacks its chunks.
 //!
-//! The library would yield one record at a time and unpack only as much as that record needs. This module
-//! unpacks a chunk and computes its checksum in large pieces. It leaves chunks that are neither plain nor
-//! zstd, and chunks with a faulty head, to the library.
+//! The library would yield one record at a time and unpack only as much as that record needs. This
+//! module unpacks a chunk and computes its checksum in large pieces. It leaves chunks that are
+//! neither plain nor zstd, and chunks with a faulty head, to the library.
 
 mod foreign;
 
@@ -18,11 +18,13 @@ use super::raw::RECORD;
 
 /// The number of bytes in a block of records, unless one record is longer.
 const BLOCK: usize = 256 << 10;
-/// The number of bytes that are read and unpacked at once, so that memory grows only as bytes arrive.
+/// The number of bytes that are read and unpacked at once, so that memory grows only as bytes
+/// arrive.
 const PIECE: usize = 64 << 10;
 /// The length of a record's head: its code and the length of what follows.
 const HEAD: usize = 9;
-/// The length of a chunk's head: two instants, a size, a checksum, and the length of the packing's name.
+/// The length of a chunk's head: two instants, a size, a checksum, and the length of the packing's
+/// name.
 const CHUNK: usize = 32;
 /// The length of the packed size, which follows the name.
 const SIZE: usize = 8;
@@ -74,8 +76,8 @@ impl<R: Read> RecordBlocks<R> {
         Self { inner, place: FilePlace::Magic, zstd: None, cut: Vec::new(), error: None }
     }
 
-    /// Puts whole records into a block. Returns `false` at the end of the file. Records before an error are
-    /// handed over first.
+    /// Puts whole records into a block. Returns `false` at the end of the file. Records before an
+    /// error are handed over first.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read; nothing follows then.
@@ -102,7 +104,8 @@ impl<R: Read> RecordBlocks<R> {
         Ok(whole > 0)
     }
 
-    /// Reads a few more bytes of the file. `whole` is the end of the last whole record of the block.
+    /// Reads a few more bytes of the file. `whole` is the end of the last whole record of the
+    /// block.
     fn advance(&mut self, block: &mut Vec<u8>, whole: &mut usize) -> Result<(), McapError> {
         match &mut self.place {
             FilePlace::Magic => {

@@ -1,7 +1,7 @@
 //! Finds out who else publishes on the topics of this node, and whether discovery goes on.
 //!
-//! DDS matches a writer with readers alone. Only discovery knows who else writes what the node writes, such as a second node
-//! of its name or a model whose output was not remapped.
+//! DDS matches a writer with readers alone. Only discovery knows who else writes what the node
+//! writes, such as a second node of its name or a model whose output was not remapped.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -23,11 +23,13 @@ const PERIOD: Duration = Duration::from_secs(1);
 /// The prefix of the identifiers of a participant's endpoints.
 const PREFIX: usize = 12;
 
-/// The last participants of this process: during a rejoin there are two, and peers forget the former one later.
+/// The last participants of this process: during a rejoin there are two, and peers forget the
+/// former one later.
 static OWN: Mutex<VecDeque<Gid>> = Mutex::new(VecDeque::new());
 const OWN_MOST: usize = 64;
 
-/// Counts the publishers of a participant's topics that are not this process's own, in a thread of its own.
+/// Counts the publishers of a participant's topics that are not this process's own, in a thread of
+/// its own.
 pub(crate) struct Census {
     publishers: Arc<Mutex<Vec<Arc<Endpoint>>>>,
     stop: Option<mpsc::Sender<()>>,

@@ -20,11 +20,12 @@ use crate::middleware::{MessagePublisher, TypeName};
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
-/// The depth of a service, as in ROS: requests that come while a participant is not in use yet wait here.
+/// The depth of a service, as in ROS: requests that come while a participant is not in use yet wait
+/// here.
 const SERVICE_DEPTH: usize = 10;
 
-/// At most this many requests are remembered, so that a request that came to two participants is answered once.
-/// `rustdds` may keep more requests than the depth while a server is not in use yet.
+/// At most this many requests are remembered, so that a request that came to two participants is
+/// answered once. `rustdds` may keep more requests than the depth while a server is not in use yet.
 const REMEMBERED: usize = 1024;
 
 /// The node, in each participant that it has, and its full name.
@@ -176,7 +177,8 @@ where
         start: oneshot::Receiver<()>,
         closed: impl Future<Output = ()>,
     ) {
-        // Before, the client has met the former server, but perhaps not yet this one to be answered by.
+        // Before, the client has met the former server, but perhaps not yet this one to be answered
+        // by.
         if start.await.is_err() {
             return;
         }

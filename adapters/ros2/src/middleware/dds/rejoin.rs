@@ -1,14 +1,16 @@
-//! Works around two faults of `rustdds` 0.15.1. Once a release has the patches beside this file, this module goes,
-//! and [`Domain`] is one participant.
+//! Works around two faults of `rustdds` 0.15.1. Once a release has the patches beside this file,
+//! this module goes, and [`Domain`] is one participant.
 //!
-//! - **A step back of the wall clock** (`0002-best-effort-after-a-step-back.patch`). It reads what comes over best effort, the
-//!   announcements of participants with it, up to the present time of day, and would read nothing until the clock has caught
-//!   up with the latest sample.
-//! - **A stop and continue of the process** (`0001-interrupted-waits.patch`). Its threads end when their waits are interrupted.
+//! - **A step back of the wall clock** (`0002-best-effort-after-a-step-back.patch`). It reads what
+//!   comes over best effort, the announcements of participants with it, up to the present time of
+//!   day, and would read nothing until the clock has caught up with the latest sample.
+//! - **A stop and continue of the process** (`0001-interrupted-waits.patch`). Its threads end when
+//!   their waits are interrupted.
 //!
-//! A new participant has no such samples and its own threads. So everything is created once more in a second participant. It
-//! takes over when it has met the peers that the first one knows, and they have met its publishers. The first one is left when
-//! they have met its subscriptions ([`handover`]).
+//! A new participant has no such samples and its own threads. So everything is created once more in
+//! a second participant. It takes over when it has met the peers that the first one knows, and they
+//! have met its publishers. The first one is left when they have met its subscriptions
+//! ([`handover`]).
 
 mod handover;
 mod participants;
@@ -38,15 +40,17 @@ const CLOCK_PERIOD: Duration = Duration::from_millis(20);
 /// The time from one check for the second participant's peers to the next.
 const MATCH_PERIOD: Duration = Duration::from_millis(20);
 
-/// The time that peers have to meet the second participant, once before it takes over and once after. `rustdds` announces a
-/// participant every ten seconds; what a peer then knows of it is complete a second or so later.
+/// The time that peers have to meet the second participant, once before it takes over and once
+/// after. `rustdds` announces a participant every ten seconds; what a peer then knows of it is
+/// complete a second or so later.
 pub(super) const PATIENCE: Duration = Duration::from_secs(15);
 
 /// The same if the first participant is lost: nothing is sent until the second one has taken over.
 const LOST_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Both participants stay at least this long, once before the second takes over and once after: peers that acknowledge
-/// nothing meet it later than it meets them, and what they sent to the first is still on its way.
+/// Both participants stay at least this long, once before the second takes over and once after:
+/// peers that acknowledge nothing meet it later than it meets them, and what they sent to the first
+/// is still on its way.
 const OVERLAP: Duration = Duration::from_millis(1500);
 
 /// The pause after a failure.

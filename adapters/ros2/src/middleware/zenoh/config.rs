@@ -9,8 +9,9 @@ const FILE: &str = "ZENOH_SESSION_CONFIG_URI";
 /// Changes parts of it: `key=value;key=value`, each value as in JSON5.
 const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
 
-/// The settings that `rmw_zenoh` has unless a file says otherwise: a peer that meets others through a router on this
-/// host. Clients have timestamps too: without them late subscribers will not get earlier messages.
+/// The settings that `rmw_zenoh` has unless a file says otherwise: a peer that meets others through
+/// a router on this host. Clients have timestamps too: without them late subscribers will not get
+/// earlier messages.
 const USUAL: [(&str, &str); 6] = [
     ("mode", "\"peer\""),
     ("connect/endpoints", "[\"tcp/localhost:7447\"]"),

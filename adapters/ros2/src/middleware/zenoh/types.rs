@@ -1,4 +1,5 @@
-//! Hashes of types. The node knows those of its own topics and services; all others it learns from its peers' tokens.
+//! Hashes of types. The node knows those of its own topics and services; all others it learns from
+//! its peers' tokens.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -119,8 +120,8 @@ impl Types {
     }
 }
 
-/// The types of the node's own topics and services, by their names in DDS, from Iron on. Hashes are what
-/// `tests/peers/definitions.py` prints for the types' definitions.
+/// The types of the node's own topics and services, by their names in DDS, from Iron on. Hashes are
+/// what `tests/peers/definitions.py` prints for the types' definitions.
 const OWN: [(&str, &str); 16] = [
     (
         "diagnostic_msgs::msg::dds_::DiagnosticArray_",

@@ -1,14 +1,17 @@
 //! Names and attachments as `rmw_zenoh` has them.
 //!
-//! A topic's messages have the key `<domain>/<topic>/<type>/<hash of the type>`. Each node, each end of a topic and each
-//! service has a liveliness token, whose key says what it is: `@ros2_lv/<domain>/<session>/<node>/<entity>/<kind>/
+//! A topic's messages have the key `<domain>/<topic>/<type>/<hash of the type>`. Each node, each
+//! end of a topic and each service has a liveliness token, whose key says what it is:
+//! `@ros2_lv/<domain>/<session>/<node>/<entity>/<kind>/
 //! <enclave>/<namespace>/<name>`, then for all but nodes `/<topic>/<type>/<hash>/<quality of service>`. In tokens `%`
 //! stands for a slash within a name.
 //!
-//! In ROS 2 Lyrical (`rmw_zenoh` 0.10.5) the ends of a type with an unbounded `uint8[]` say in one more part where its bytes may
-//! be: `/backends:cpu:` is in main memory. Where all subscriptions of a topic say something, those that say this get messages by
-//! the key `<their key>/_buf_cpu`; one that says nothing may get none at all. The node does not know the fields of its types: its
-//! subscriptions say so whatever the type, but for those that are `transient_local`, which have no such part.
+//! In ROS 2 Lyrical (`rmw_zenoh` 0.10.5) the ends of a type with an unbounded `uint8[]` say in one
+//! more part where its bytes may be: `/backends:cpu:` is in main memory. Where all subscriptions of
+//! a topic say something, those that say this get messages by the key `<their key>/_buf_cpu`; one
+//! that says nothing may get none at all. The node does not know the fields of its types: its
+//! subscriptions say so whatever the type, but for those that are `transient_local`, which have no
+//! such part.
 
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -168,7 +171,8 @@ fn mangled(name: &str) -> String {
     name.replace('/', "%")
 }
 
-/// `reliability:durability:history,depth:deadline:lifespan:liveliness`, where what is the default is left out.
+/// `reliability:durability:history,depth:deadline:lifespan:liveliness`, where what is the default
+/// is left out.
 fn quality(qos: Qos) -> String {
     let reliability = if qos.reliable { "" } else { "2" };
     let durability = if qos.transient_local { "1" } else { "" };

@@ -29,7 +29,8 @@ use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
 use crate::grpc::server::tls::TlsAcceptor;
 use crate::grpc::token::AuthCheck;
 
-/// A connection that was silent for the first duration is sent a ping, and must answer it within the second.
+/// A connection that was silent for the first duration is sent a ping, and must answer it within
+/// the second.
 const PING: (Duration, Duration) = (Duration::from_secs(30), Duration::from_secs(10));
 
 /// The greatest number of calls that were cancelled before they began, which HTTP/2 keeps in a

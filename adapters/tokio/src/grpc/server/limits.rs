@@ -1,5 +1,5 @@
-//! The state that all connections of a server share: the counts of connections and bytes, and the log of rejected
-//! clients.
+//! The state that all connections of a server share: the counts of connections and bytes, and the
+//! log of rejected clients.
 
 use std::collections::HashMap;
 use std::io;

@@ -12,11 +12,12 @@ use crate::Error;
 use crate::grpc::remote::Identity;
 use crate::grpc::server::ServeError;
 
-/// Returns an acceptor of TLS connections with this identity, or `None` without an identity. If there is a CA, it accepts
-/// only the CA's clients.
+/// Returns an acceptor of TLS connections with this identity, or `None` without an identity. If
+/// there is a CA, it accepts only the CA's clients.
 ///
 /// # Errors
-/// Returns an error if there is a CA without an identity, or if the certificates or the key cannot be used.
+/// Returns an error if there is a CA without an identity, or if the certificates or the key cannot
+/// be used.
 pub(crate) fn acceptor(
     identity: Option<&Identity>,
     client_ca: Option<&[u8]>,

@@ -1,5 +1,5 @@
-//! ERDOS as a fusion operator with a TimestampDeadline: `erdos deadline FOLDER SCENARIO`. Local's result comes on the left
-//! stream at once, the cloud's on the right one after its delay.
+//! ERDOS as a fusion operator with a TimestampDeadline: `erdos deadline FOLDER SCENARIO`. Local's
+//! result comes on the left stream at once, the cloud's on the right one after its delay.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex};

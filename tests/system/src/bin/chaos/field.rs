@@ -147,8 +147,8 @@ impl Testbed {
         Ok(kill_process(pid, signal)?)
     }
 
-    /// Sets the seconds by which the wall clock is off. All texts have the same length, so a concurrent
-    /// reader always reads a number.
+    /// Sets the seconds by which the wall clock is off. All texts have the same length, so a
+    /// concurrent reader always reads a number.
     fn step(&self, by: &str) -> Result<(), Error> {
         let before = SystemTime::now();
         fs::write(&self.clock, by)?;

@@ -144,8 +144,8 @@ impl Lateness {
         lateness
     }
 
-    /// Returns the allowed delay of something that was due and ended at about these instants: twice the
-    /// timer's lateness, and the time that a thread waited for a processor.
+    /// Returns the allowed delay of something that was due and ended at about these instants: twice
+    /// the timer's lateness, and the time that a thread waited for a processor.
     fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
         let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         let last = self.tenth(at) + 3;

@@ -1,6 +1,7 @@
 //! Sends messages through many operators while everything around them is disrupted.
 //!
-//! `disruption` decides what is disrupted and when, `field` disrupts it, and `checks` says what must hold.
+//! `disruption` decides what is disrupted and when, `field` disrupts it, and `checks` says what
+//! must hold.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -204,7 +204,8 @@ pub(crate) fn every_end_is_reported(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns how a request ended for its policy: by its own result or failure, unless it was closed before.
+/// Returns how a request ended for its policy: by its own result or failure, unless it was closed
+/// before.
 fn end(requested: &AdmittedRequest) -> End {
     let age = |at: u64| Duration::from_nanos(at - requested.at);
     match (requested.ended, requested.closed()) {

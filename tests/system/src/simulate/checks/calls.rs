@@ -216,8 +216,8 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     })
 }
 
-/// Checks the link by a second model of its queue: each direction sends in order, no sooner than it can carry
-/// all bytes before, and refuses what finds no room.
+/// Checks the link by a second model of its queue: each direction sends in order, no sooner than it
+/// can carry all bytes before, and refuses what finds no room.
 fn link_is_shared(facts: &Facts<'_>) -> Result<(), String> {
     let Some(ScenarioLink { rates, queue_bytes, bytes }) = facts.scenario.link else {
         return Ok(());

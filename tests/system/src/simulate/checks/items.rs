@@ -65,8 +65,8 @@ struct ReadItems {
     handed: BTreeSet<usize>,
 }
 
-/// Returns the indices in the trace of a reader's items, in its order, without what it read after the trace's
-/// end.
+/// Returns the indices in the trace of a reader's items, in its order, without what it read after
+/// the trace's end.
 fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
     let mut indices = Vec::with_capacity(items.len());
     for read in items {
@@ -85,14 +85,15 @@ fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
 /// Checks that only preliminary items are left out, and only while some reader has no room.
 fn skips(facts: &Facts<'_>, output: &ReadItems, indices: &[usize]) -> Result<(), String> {
     let Facts { scenario, played: RunResult { log, .. }, replay, .. } = facts;
-    // It is not known when a reader left, nor in which order things happened at the instant of a stall.
+    // It is not known when a reader left, nor in which order things happened at the instant of a
+    // stall.
     let is_known = scenario.stalls.is_empty() && !log.has_left.contains(&true);
     for pair in indices.windows(2) {
         for skipped in pair[0] + 1..pair[1] {
             let item = &replay.items[skipped];
             let lags = |(indices, items): (&Vec<usize>, &Vec<Read>)| {
-                // An item that another reader got since this one joined was given to this one too. After a
-                // crash it may never read it.
+                // An item that another reader got since this one joined was given to this one too.
+                // After a crash it may never read it.
                 let Some(first) = indices.first() else { return false };
                 let handed = output.handed.range(*first..skipped.max(*first)).count();
                 handed >= items.partition_point(|read| read.at < item.at) + scenario.output_len
@@ -105,8 +106,8 @@ fn skips(facts: &Facts<'_>, output: &ReadItems, indices: &[usize]) -> Result<(),
     Ok(())
 }
 
-/// Returns `true` if the operator was stopped while a reader had no room for another item and everything
-/// before this one had been given out.
+/// Returns `true` if the operator was stopped while a reader had no room for another item and
+/// everything before this one had been given out.
 fn waits(facts: &Facts<'_>, output: &ReadItems, next: usize) -> bool {
     let Facts { scenario, played: RunResult { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };

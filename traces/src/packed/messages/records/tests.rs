@@ -135,7 +135,8 @@ fn records_agree_with_the_library_on_wrong_bytes() {
     }
 }
 
-/// Returns a file with one unpacked chunk whose records claim this many bytes, and a chunk's end after it.
+/// Returns a file with one unpacked chunk whose records claim this many bytes, and a chunk's end
+/// after it.
 fn plain_chunk(claimed: u64) -> Vec<u8> {
     let records = [&[op::MESSAGE][..], &3_u64.to_le_bytes(), b"abc"].concat();
     let chunk = [&[0; CHUNK][..], &claimed.to_le_bytes(), &records, &[0; 4]].concat();
@@ -145,8 +146,8 @@ fn plain_chunk(claimed: u64) -> Vec<u8> {
 
 #[test]
 fn a_record_ends_in_its_chunk() {
-    // There is one record of 12 bytes. A smaller claim cuts it off, and a greater one starts a second record
-    // that is incomplete.
+    // There is one record of 12 bytes. A smaller claim cuts it off, and a greater one starts a
+    // second record that is incomplete.
     for (claimed, is_whole) in [(0, true), (1, false), (11, false), (12, true), (13, false)] {
         let reported = by_blocks(&plain_chunk(claimed)).1.unwrap();
         let is_overrun = reported == McapError::UnexpectedEoc.to_string();

@@ -1,7 +1,7 @@
 //! How it is known that peers have met the second participant.
 //!
-//! Discovery tells what this process has met. A peer may meet it seconds later, if an announcement is lost. Until then, the
-//! peer gets nothing from the second participant, and sends nothing to it.
+//! Discovery tells what this process has met. A peer may meet it seconds later, if an announcement
+//! is lost. Until then, the peer gets nothing from the second participant, and sends nothing to it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,9 +27,11 @@ pub(crate) struct OpenSubscription {
 
 /// Waits until each reliable subscriber of a new publisher has met it.
 ///
-/// It writes a sample that is for nobody. Subscribers are told that there is nothing under its number, and acknowledge it.
+/// It writes a sample that is for nobody. Subscribers are told that there is nothing under its
+/// number, and acknowledge it.
 pub(crate) async fn until_met(writer: &DataWriter<Payload, Cdr>, qos: Qos) {
-    // `rustdds` would not tell that to a later subscriber of a transient-local topic, which then waits for the sample.
+    // `rustdds` would not tell that to a later subscriber of a transient-local topic, which then
+    // waits for the sample.
     if !qos.reliable || qos.transient_local {
         return;
     }

@@ -1,7 +1,9 @@
-//! The participants that the node has in its domain of DDS, one after the other, and what it has created in them.
+//! The participants that the node has in its domain of DDS, one after the other, and what it has
+//! created in them.
 //!
-//! Every endpoint is created through a factory, which is kept: when the node rejoins, [`rejoin`](super)
-//! calls all of them again for a second participant. So nothing may be created in a participant by another way.
+//! Every endpoint is created through a factory, which is kept: when the node rejoins,
+//! [`rejoin`](super) calls all of them again for a second participant. So nothing may be created in
+//! a participant by another way.
 
 use std::future::ready;
 use std::net::{IpAddr, Ipv4Addr};
@@ -36,7 +38,8 @@ pub(crate) struct JoinedParticipant {
     pub(crate) loss: Arc<Loss>,
     /// The tasks that are aborted when the participant is left.
     pub(crate) tasks: JoinSet<()>,
-    /// The tasks that take what comes: each ends by itself, with nothing half taken, once `open` is dropped.
+    /// The tasks that take what comes: each ends by itself, with nothing half taken, once `open` is
+    /// dropped.
     pub(crate) readers: JoinSet<()>,
     open: watch::Sender<()>,
 }
@@ -55,8 +58,8 @@ pub(crate) struct InUse<T>(RwLock<Option<T>>);
 /// Waits for peers.
 pub(crate) type Wait = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// The first participant after the second one has taken over, and what waits until each of its endpoints is needed no more
-/// and then closes it.
+/// The first participant after the second one has taken over, and what waits until each of its
+/// endpoints is needed no more and then closes it.
 pub(crate) struct FormerParticipant {
     joined: JoinedParticipant,
     drains: Vec<Wait>,
@@ -133,7 +136,8 @@ impl DomainHandle {
         Ok((next, entities))
     }
 
-    /// Returns `true` if a thread of the current participant has ended, so that it sends and receives nothing.
+    /// Returns `true` if a thread of the current participant has ended, so that it sends and
+    /// receives nothing.
     pub(crate) fn is_lost(&self) -> bool {
         self.locked().current.is_lost()
     }
@@ -218,7 +222,8 @@ impl JoinedParticipant {
 }
 
 impl FormerParticipant {
-    /// Leaves the domain with it when peers have met the second one, but no sooner than after a while.
+    /// Leaves the domain with it when peers have met the second one, but no sooner than after a
+    /// while.
     pub(crate) async fn leave(self, overlap: Duration) {
         let Self { joined, drains } = self;
         if !joined.is_lost() {
@@ -242,7 +247,8 @@ impl Loss {
 }
 
 impl NewEntity {
-    /// Makes an endpoint that takes over by `take_over`, which returns what it replaced, to be closed later.
+    /// Makes an endpoint that takes over by `take_over`, which returns what it replaced, to be
+    /// closed later.
     pub(crate) fn new<R>(take_over: impl FnOnce() -> R + Send + 'static) -> Self
     where
         R: Send + 'static,
@@ -253,8 +259,8 @@ impl NewEntity {
         })
     }
 
-    /// Makes an endpoint that takes over by `take_over`, which returns a future. It ends when what was replaced may be
-    /// closed.
+    /// Makes an endpoint that takes over by `take_over`, which returns a future. It ends when what
+    /// was replaced may be closed.
     pub(crate) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
     where
         F: Future<Output = ()> + Send + 'static,

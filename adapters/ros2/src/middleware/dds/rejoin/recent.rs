@@ -1,6 +1,7 @@
 //! Remembers what was received lately, so that nothing is taken twice.
 //!
-//! While the node is in its domain with two participants, both receive what a peer sends, and neither receives all.
+//! While the node is in its domain with two participants, both receive what a peer sends, and
+//! neither receives all.
 
 use std::collections::{BTreeSet, VecDeque};
 

@@ -18,7 +18,8 @@ impl WallClock {
         Self { latest: now }
     }
 
-    /// Returns `true` if it stepped back since it was last looked at. Shorter steps add up until it has caught up.
+    /// Returns `true` if it stepped back since it was last looked at. Shorter steps add up until it
+    /// has caught up.
     pub(super) fn stepped_back(&mut self, now: SystemTime) -> bool {
         let behind = self.latest.duration_since(now).unwrap_or_default();
         let stepped_back = behind > SHORTEST_STEP;
