@@ -144,7 +144,7 @@ pub enum DropReason {
     Superseded,
     /// The source was not requested for this timestamp.
     Unsolicited,
-    /// The source's result was accepted before and is held, or was the last output.
+    /// The source's result was accepted before. It is held, or it is the last output (F9).
     Duplicate,
     /// The request was closed by its timer or by a failure.
     Late,

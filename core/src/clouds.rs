@@ -131,8 +131,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(registered)
     }
 
-    /// Inserts a cloud before the first one that outranks it, so that the arrays stay in ascending
-    /// order.
+    /// Inserts a cloud so that the arrays stay in ascending order of priority.
     fn insert(&mut self, cloud: Cloud) -> Result<(), ConfigError> {
         if cloud.priority == Priority::LOCAL {
             return Err(ConfigError::LocalPriority);

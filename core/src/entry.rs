@@ -20,8 +20,8 @@ pub struct Entry<const CLOUDS: usize> {
 impl<const CLOUDS: usize> Entry<CLOUDS> {
     pub(crate) const EMPTY: Self = Self::new(Slot::RETIRED);
 
-    /// Creates an entry with these sets. Every due instant is [`Instant::START`], so set those of
-    /// the armed timers.
+    /// Creates an entry with these sets. Every due instant is [`Instant::START`], so call
+    /// [`set_due`](Self::set_due) for each armed timer.
     #[must_use]
     pub const fn new(slot: Slot) -> Self {
         Self { slot, local_due: Instant::START, dues: [Instant::START; CLOUDS] }
@@ -52,8 +52,8 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         self.slot = slot;
     }
 
-    /// Returns the due instant of this source's timer. The value means nothing unless the timer is
-    /// armed.
+    /// Returns the due instant of this source's timer. The value is meaningful only while the timer
+    /// is armed.
     #[must_use]
     pub fn due(&self, source: Source) -> Instant {
         match usize::from(source.index()).checked_sub(1) {

@@ -47,13 +47,13 @@ pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
-    /// Creates a machine without open timestamps, its clock at [`Instant::START`] and its gates
-    /// open.
+    /// Creates a machine without open timestamps. Its clock is at [`Instant::START`], and its gates
+    /// are open.
     ///
     /// `window`, from 1 to `WINDOW`, is the greatest number of timestamps that may be open at once.
     /// The order of `clouds` does not matter (P10). Capacities beyond 15 clouds or 1024 timestamps
-    /// do not compile. A machine takes about 100 bytes or more for each timestamp of its capacity,
-    /// so put a large one in a `Box` where stacks are small.
+    /// do not compile. A machine takes about 100 bytes or more for each timestamp of its capacity.
+    /// Where stacks are small, put a large machine in a `Box`.
     ///
     /// # Errors
     /// Returns the first [`ConfigError`] that holds.
@@ -70,8 +70,9 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 
     /// Advances the clock to `now` and fires the earliest timers that are due by then, if any (F0).
     ///
-    /// An earlier `now` does not move the clock back. Call it until it returns [`At::Ready`]: at
-    /// most once for each armed timer, and once more. A call without an input after it is a tick.
+    /// An earlier `now` does not move the clock back. Call this method until it returns
+    /// [`At::Ready`]: at most once for each armed timer, and once more. A call without an input
+    /// after it is a tick.
     #[inline]
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         match self.first_due(now) {
@@ -84,7 +85,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// inputs (F0).
     ///
     /// An earlier `now` does not move the clock back. The firings come in order, at most one for
-    /// each armed timer. This does what calling [`at`](Self::at) until [`At::Ready`] does.
+    /// each armed timer. The effect is the same as calling [`at`](Self::at) until it returns
+    /// [`At::Ready`].
     pub fn ready(
         &mut self,
         now: Instant,
@@ -96,8 +98,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         Ready { fusion: self }
     }
 
-    /// Returns the earliest instant at which a timer is due, or `None` if no timer is armed. Tick
-    /// then.
+    /// Returns the earliest instant at which a timer is due, or `None` if no timer is armed. Call
+    /// [`ready`](Self::ready) or [`at`](Self::at) at that instant.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.open.next_due()
@@ -145,8 +147,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// Returns the reason why an offer would be refused now, or `None` if it would be admitted
     /// (F2).
     ///
-    /// Nothing changes, not even the gate or the clock. Ask before preparing a request if preparing
-    /// it is costly or counts, as a policy's decision does (T6).
+    /// Nothing changes, not even the gate or the clock. Ask first if preparing a request is costly,
+    /// or has an effect of its own as a policy's decision has (T6).
     #[must_use]
     pub fn offer_refusal(
         &self,
@@ -251,10 +253,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
-    /// Opens `timestamp` because a message with it arrived (F1).
+    /// Opens `timestamp`, because its message arrived (F1).
     ///
-    /// `deadline` is how long local may take, or `None` if that is not bounded. A refused open
-    /// changes nothing.
+    /// `deadline` is how long local may take, or `None` for no bound. A refused open changes
+    /// nothing.
     pub fn open(&mut self, timestamp: Timestamp, deadline: Option<Deadline>) -> Opening {
         let fusion = &mut *self.fusion;
         if fusion.was_reached(timestamp) {

@@ -1,7 +1,7 @@
 //! The gate, which admits one cloud's requests by the length of its outgoing queue (F2g).
 
-/// Admits one cloud's requests: shuts at `limit` queued requests, and opens again at `resume` or
-/// fewer.
+/// Admits one cloud's requests. The gate shuts at `limit` queued requests, and opens again at
+/// `resume` or fewer.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gate {
@@ -11,7 +11,7 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// Creates an open gate, or returns `None` unless `resume < limit`.
+    /// Creates an open gate. Returns `None` if `resume` is not less than `limit`.
     #[must_use]
     pub const fn new(limit: u64, resume: u64) -> Option<Self> {
         if resume < limit { Some(Self { limit, resume, shut: false }) } else { None }

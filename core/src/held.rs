@@ -1,4 +1,4 @@
-//! Stores the values of held results, for callers that have no other place for them.
+//! Stores the values of held results, for callers that do not store them elsewhere.
 //!
 //! The machine decides by timestamps and priorities alone and never sees a value. [`Held`] stores
 //! the value of the best held result of each open timestamp, and returns it when that result is
@@ -8,12 +8,12 @@ use crate::answer::{Firing, Outcome};
 use crate::priority::Priority;
 use crate::time::Timestamp;
 
-/// Stores the values of held results: for each of up to `WINDOW` open timestamps, the value of the
-/// best one.
+/// Stores the value of the best held result of each open timestamp, for up to `WINDOW` of them.
 ///
-/// Only the best available result can be forwarded (P3), so a value is dropped as soon as a better
-/// result is held or its timestamp is retired. Pass every outcome and every firing to this store;
-/// then no value stays behind. Each call looks at each of the `WINDOW` values at most twice.
+/// Only the best available result can be forwarded (P3). So a value is dropped as soon as a better
+/// result is held, or when its timestamp is retired without it. No value stays behind if you pass
+/// every outcome and every firing to this store. Each call looks at each of the `WINDOW` values at
+/// most twice.
 ///
 /// ```
 /// use fuseline_core::*;
@@ -46,8 +46,8 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         Self { values: [const { None }; WINDOW] }
     }
 
-    /// Takes a result's value and its outcome (F3). Returns the value to send downstream, if one is
-    /// forwarded.
+    /// Applies the outcome of a result with this value (F3). Returns the value to send downstream,
+    /// if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn result<const CLOUDS: usize>(
         &mut self,
@@ -76,7 +76,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Takes the outcome of a failure (F4). Returns the value to send downstream, if one is
+    /// Applies the outcome of a failure (F4). Returns the value to send downstream, if one is
     /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn failure<const CLOUDS: usize>(
@@ -87,7 +87,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         self.apply(timestamp, outcome)
     }
 
-    /// Takes a firing (F5). Returns the value to send downstream, if one is forwarded.
+    /// Applies a firing (F5). Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> Option<V> {
         self.apply(firing.timestamp, &firing.outcome)
@@ -128,7 +128,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Stores the better of this value and the one held for its timestamp.
+    /// Stores a value, unless a better one is held for its timestamp.
     fn hold(&mut self, new: HeldValue<V>) {
         let is_same = |held: &HeldValue<V>| held.timestamp == new.timestamp;
         if let Some(held) = self.values.iter_mut().flatten().find(|held| is_same(held)) {

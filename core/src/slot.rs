@@ -32,8 +32,8 @@ pub enum Commit {
 
 /// The four sets of one timestamp.
 ///
-/// Every value is a state that inputs can lead to under the commit rule with which it was made and
-/// stepped.
+/// Inputs can lead to every value of this type, under the commit rule with which the value was made
+/// and stepped.
 ///
 /// ```
 /// use fuseline_core::{Cause, Commit, Decision, Slot, Source};
@@ -195,8 +195,8 @@ impl Slot {
         Ok(slot)
     }
 
-    /// Checks an offer by the sets alone (F2): returns the state with `source` requested, or this
-    /// state and the first reason to refuse.
+    /// Checks an offer by the sets alone (F2). Returns the state with `source` requested. A refused
+    /// offer returns this state and the first reason to refuse.
     ///
     /// [`admit`](Self::admit) also checks the offer's deadline and the gate.
     #[must_use]
@@ -220,10 +220,10 @@ impl Slot {
         (admitted, None)
     }
 
-    /// Checks an offer to a registered cloud (F2): returns the state with `source` requested, or
-    /// this state and the first reason to refuse.
+    /// Checks an offer to a registered cloud (F2). Returns the state with `source` requested. A
+    /// refused offer returns this state and the first reason to refuse.
     ///
-    /// `gate` is the cloud's own gate. It is consulted last, so that a request that is refused for
+    /// `gate` is the cloud's own gate. The gate is consulted last, so an offer that is refused for
     /// another reason does not change it (F2g).
     #[inline]
     pub fn admit(
@@ -270,7 +270,7 @@ impl Slot {
         self.requested
     }
 
-    /// Returns the requested sources for which no result, failure or firing has come.
+    /// Returns the requested sources that no result, failure or firing has closed.
     #[must_use]
     pub const fn pending(self) -> Sources {
         self.pending

@@ -111,8 +111,8 @@ impl Sources {
     /// Returns `true` if some member outranks `source`.
     #[must_use]
     pub const fn any_above(self, source: Source) -> bool {
-        // If no member is above `source`, the bits form a number that is at most the one with all
-        // bits up to and including the bit of `source`.
+        // A member above `source` sets a bit above the bit of `source`. The set is then greater
+        // than the number with all bits up to the bit of `source`.
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 

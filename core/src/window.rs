@@ -1,4 +1,4 @@
-//! Stores the open timestamps in ascending order and finds the one that fires first (P9).
+//! Stores the open timestamps in ascending order and finds the timestamp that fires first (P9).
 //!
 //! An entry keeps its place until its timestamp is retired. `timestamps` is sorted, and beside each
 //! timestamp is the index of its entry. Retiring a timestamp moves the timestamps before it or
@@ -8,7 +8,8 @@
 //!
 //! Each entry has a key that orders the firings (F5). A tree with four children for each node
 //! stores the least key of each group. When a key changes, it is compared with the three keys
-//! beside it, and the least moves up a level, until a level stays the same.
+//! beside it, and the least of the four moves up a level. This stops at the first level that stays
+//! the same.
 //!
 //! Every access is checked: a read beyond an array yields nothing, and a write there changes
 //! nothing, so this module cannot panic. `fusion.rs` has the machine that uses the window.
@@ -74,8 +75,8 @@ pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
     /// The key of each entry.
     pub(crate) keys: [DueKey; CAPACITY],
-    /// The least key of each group of four, then of each group of four of those, and so on, level
-    /// after level.
+    /// The least key of each group of four keys, level after level: each level groups the keys of
+    /// the level below it.
     pub(crate) firsts: [DueKey; CAPACITY],
     /// The least key of all.
     pub(crate) first: DueKey,
