@@ -1,5 +1,5 @@
-//! Joins messages of several inputs that come from one origin. A set is given when it is complete
-//! or due (E5, E6).
+//! Joins messages of several inputs that come from one origin. A set is given when it is complete,
+//! when it is due, or to make room for another (E5, E6, E8).
 //!
 //! This module has no clock and no queue. The adapter reports what arrived and when, and asks for
 //! what is due.
@@ -54,7 +54,8 @@ pub struct JoinBounds {
     pub reserve: Duration,
 }
 
-/// An input of which each set gets the latest message, such as a localization. No set waits for it.
+/// Describes an input that gives each set its latest message, such as the vehicle's position. No
+/// set waits for this input.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct LatestInput {
     /// The input's name.
@@ -62,8 +63,9 @@ pub struct LatestInput {
     /// The greatest age at which a message is used. It counts from the message's capture, or from
     /// its arrival if the capture is unknown.
     pub max_age: Duration,
-    /// `true` if sets belong to the messages of this input. Then their lineages have the origin and
-    /// the capture of its message, if one is present, and the due instant of the aligned inputs.
+    /// `true` if each set belongs to a message of this input. If a message is present, the set's
+    /// lineage has that message's origin and capture. The aligned inputs still determine when the
+    /// set's end-to-end deadline is due.
     pub is_origin: bool,
 }
 
@@ -79,8 +81,8 @@ pub struct Joined<S> {
     /// The reason why the set was given.
     pub cause: JoinCause,
     /// The lineage of the first aligned input that is present, with the oldest capture and the
-    /// earliest end-to-end deadline of all. If one capture is unknown, the set's capture is
-    /// unknown. See also [`LatestInput::is_origin`].
+    /// earliest end-to-end deadline of all inputs that are present. If one capture is unknown, the
+    /// set's capture is unknown. See also [`LatestInput::is_origin`].
     pub lineage: Option<Arc<Lineage>>,
 }
 
@@ -183,7 +185,7 @@ impl<S: Default> Aligner<S> {
         Self { bounds, inputs, latest: Vec::new(), open, given, ready }
     }
 
-    /// Adds inputs of which each set gets the latest message.
+    /// Adds inputs that give each set their latest message.
     #[must_use]
     pub fn with_latest(mut self, inputs: impl IntoIterator<Item = LatestInput>) -> Self {
         self.latest.extend(inputs.into_iter().map(|input| (input, None)));
@@ -216,8 +218,7 @@ impl<S: Default> Aligner<S> {
         if open.last.contains(&input) {
             return Err(JoinDropReason::Duplicate);
         }
-        // A set is given while its end-to-end deadline leaves enough for the operators downstream
-        // (E5).
+        // The set is due early enough to leave the operators downstream their reserve (E5).
         if let Some(due) = lineage.and_then(|lineage| lineage.due(now)) {
             let due = due.checked_sub(self.bounds.reserve).unwrap_or(now);
             open.due = open.due.min(due);
@@ -232,8 +233,9 @@ impl<S: Default> Aligner<S> {
         Ok(())
     }
 
-    /// Replaces the latest message of an input of [`with_latest`](Self::with_latest), by its index
-    /// there. `put` is called with each set that gets the message.
+    /// Replaces the latest message of an input that [`with_latest`](Self::with_latest) added.
+    /// `input` is its index among those inputs. `put` is called with each set that gets the
+    /// message.
     pub fn set_latest(
         &mut self,
         now: impl Into<Instant>,
@@ -257,8 +259,8 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Sets the part of end-to-end deadlines to leave for the operators downstream, for messages
-    /// from now on.
+    /// Sets the part of an end-to-end deadline that is left to the operators downstream. It applies
+    /// to messages from now on.
     pub const fn set_reserve(&mut self, reserve: Duration) {
         self.bounds.reserve = reserve;
     }
@@ -272,8 +274,8 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Returns the next set that is to be given, or `None`. It has the latest messages that are
-    /// fresh now.
+    /// Returns the next set that is ready, or `None`. The set gets the latest message of each
+    /// latest-value input, unless that message is too old at `now`.
     pub fn next_set(&mut self, now: impl Into<Instant>) -> Option<Joined<S>> {
         let mut joined = self.ready.pop_front()?;
         let (now, mut origin) = (now.into(), None);
@@ -424,7 +426,7 @@ impl Lineage {
     }
 }
 
-/// Returns an instant so late that no join waits for it.
+/// Returns the instant a year after `now`, which stands for never.
 fn far(now: Instant) -> Instant {
     now + Duration::from_secs(60 * 60 * 24 * 365)
 }

@@ -26,11 +26,12 @@ pub struct EngineConfig {
     pub clouds: Vec<CloudConfig>,
     /// The computations that local takes.
     pub local: Local,
-    /// The greatest delay of a timer, and the longest time that a handler may run without a pause,
-    /// that is not counted and logged as a warning; 20 ms by default.
+    /// A timer that is served later than this, or a handler that runs longer without a pause, is
+    /// counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline of an offer; unbounded by default. A longer offer is refused as
-    /// `deadline`. If a policy chooses the deadline, this is the greatest that it may choose.
+    /// The longest deadline of an offer; unbounded by default. An offer with a longer deadline is
+    /// refused as `deadline`. If a policy chooses the deadline, this is the greatest that it may
+    /// choose.
     pub greatest_deadline: Duration,
     /// `true` if the adapter has a [substitute](crate::Item::substitute) for messages that are
     /// missed (E4). Such messages are missed early enough for the operators downstream.
@@ -55,8 +56,8 @@ pub struct CloudConfig {
     /// The name for people, traces and metrics; `cloud-` and the priority by default.
     pub name: String,
     /// The number of requests waiting to be sent at which the gate shuts (F2g); at least 1. The
-    /// default is [`calls`](Self::calls): results of requests that wait come no earlier than those
-    /// of the next calls (A15).
+    /// default is [`calls`](Self::calls), so that no more requests wait than calls may be under way
+    /// (A15).
     pub limit: Option<u64>,
     /// The number of waiting requests at or below which the shut gate opens; less than `limit`, 0
     /// by default.
@@ -76,12 +77,13 @@ pub struct CloudConfig {
     /// Such calls do not count among those under way. Up to `calls` of them may linger; one more
     /// ends the oldest.
     pub linger: Duration,
-    /// A value may be of at most this many messages before its own, as its reply says; 0 by
-    /// default. An older value, or a value of a later message, is a failure (D2, F4).
+    /// The number of messages by which a value may be older than its message; 0 by default. An
+    /// older value, or a value of a later message, is a failure (D2, F4). The reply states which
+    /// message its value was computed from.
     pub max_age: u64,
 }
 
-/// The reason why there is no engine with a configuration.
+/// The reason why a configuration was refused.
 #[derive(Clone, PartialEq, Debug)]
 pub enum EngineConfigError {
     /// No machine has this window and these clouds.
@@ -92,8 +94,8 @@ pub enum EngineConfigError {
         /// The cloud's name.
         cloud: String,
     },
-    /// A policy neither probes nor sees calls that linger, so it would never again wait for a cloud
-    /// that was gone.
+    /// A policy learns only from calls that linger, but this cloud's calls do not linger. The
+    /// policy would never again wait for a cloud that was gone.
     Linger {
         /// The cloud's name.
         cloud: String,
@@ -133,7 +135,7 @@ impl EngineConfig {
         self.machine().map(drop)
     }
 
-    /// Returns the machine of this configuration if it is sound.
+    /// Checks this configuration and creates its machine.
     pub(crate) fn machine(&self) -> Result<SizedArbiter, EngineConfigError> {
         let machine = SizedArbiter::new(&self.header().0).map_err(EngineConfigError::Machine)?;
         if let Some(workload) = &self.workload {
@@ -173,7 +175,8 @@ impl Default for EngineConfig {
     }
 }
 
-/// Takes the header's window, commit rule and clouds, with default names for those that have none.
+/// Takes the name, the window, the commit rule and the clouds of a header. Clouds without a name
+/// get the default one.
 impl From<&Header> for EngineConfig {
     fn from(header: &Header) -> Self {
         let default = Self::default();

@@ -20,8 +20,8 @@ use crate::tally::{CurrentDeadline, SourceTally, Tally};
 
 /// The counts and meters of one operator.
 ///
-/// Each count is a word of its own, so a tally that is read during an input may show one of its
-/// counts and not the next. Data that seldom changes and is not a number is behind a lock.
+/// Each count is a word of its own. So a tally that is read while an input is applied may have only
+/// some of that input's counts. Data that seldom changes and is not a number is behind a lock.
 // The fields that most messages count come first.
 #[repr(C)]
 pub(crate) struct Counts {

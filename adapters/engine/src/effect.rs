@@ -23,17 +23,17 @@ pub enum Effect<V, R> {
         /// The request that the message handler offered.
         request: R,
     },
-    /// End the call: neither its result (F5, F7) nor its duration is needed any more. It is never
-    /// local's.
+    /// End the call, because neither its result (F5, F7) nor its duration is needed any more.
+    /// Local's computation is never aborted.
     Abort {
         /// The cloud's priority.
         priority: u16,
         /// The message's timestamp.
         timestamp: u64,
     },
-    /// Start another worker for local. This computation has run for longer than its message's
-    /// deadline, and another one takes its place. Its result, if it comes, counts like any other,
-    /// but its worker is not used again.
+    /// Start another worker for local, because this computation has run longer than its message's
+    /// deadline. If its result still comes, the rules decide about it as about any other. Do not
+    /// use its worker again.
     Replace {
         /// The message's timestamp.
         timestamp: u64,
@@ -79,13 +79,13 @@ pub enum Overflow {
     DropNewest,
 }
 
-/// The number of computations that local takes.
+/// Configures how many computations local runs at once, and how many may wait.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Local {
     /// The number of computations that run at once; at least one does.
     pub at_once: usize,
-    /// The number of computations that may wait; by default as many as the window holds. Beyond
-    /// that one is [discarded](Self::overflow), and local fails for its message (F4).
+    /// The number of computations that may wait; by default as many as the window holds. If more
+    /// wait, one of them is [discarded](Self::overflow), and local fails for its message (F4).
     pub waiting: Option<usize>,
     /// The computation that is discarded; by default the oldest.
     pub overflow: Overflow,
@@ -97,10 +97,10 @@ pub struct Local {
     pub skip_answered: bool,
     /// `true` if a result can be lost on the way, as over topics (D13).
     ///
-    /// Then a computation without a result or failure within its message's deadline counts as lost,
-    /// and another may run instead, whether its message is open or not. If its result comes after
-    /// all, the rules decide about it as about any other. A computation without a deadline is
-    /// awaited.
+    /// A computation without a result or failure within its message's deadline then counts as lost.
+    /// Another computation may take its place, whether its message is open or not. If its result
+    /// comes after all, the rules decide about it as about any other. A computation without a
+    /// deadline never counts as lost.
     ///
     /// If `false`, a computation occupies its place until it ends, unless it may be
     /// [replaced](Self::replaceable). One that runs longer than its message's deadline is still

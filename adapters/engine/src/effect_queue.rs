@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::effect::Effect;
 
-/// Effects in the order of the decisions. Those with a value are more than three times as large as
-/// the others and are stored separately: most effects have no value, and with thousands of
+/// Effects in the order of the decisions. Effects with a value are rare, and more than three times
+/// as large as the others. They are stored separately to save memory accesses: with thousands of
 /// operators nothing is in the cache.
 pub(crate) struct EffectQueue<V, R> {
     order: VecDeque<QueuedEffect<R>>,

@@ -117,30 +117,31 @@ impl<V, R> Engine<V, R> {
         })
     }
 
-    /// Sets the instant at which this engine's clock reads 0. Without it the age of a message is
-    /// unknown. Call this before the first input.
+    /// Sets the instant at which this engine's clock reads 0. If it is not set, the ages of
+    /// messages are unknown. Call this before the first input.
     pub const fn set_start(&mut self, start: Instant) {
         self.start = Some(start);
     }
 
-    /// Sets the part of the end-to-end deadline to keep for the operators downstream, for messages
-    /// from now on (E3). At first it is 0.
+    /// Sets the part of an end-to-end deadline that is kept for the operators downstream (E3). It
+    /// applies to messages from now on, and is 0 at first.
     pub const fn set_reserve(&mut self, reserve: Reserve) {
         self.reserve = reserve;
     }
 
-    /// Sets the vehicle's situation for policies, for messages from now on. At first it is unknown.
+    /// Sets the vehicle's situation, which policies use for messages from now on. At first it is
+    /// unknown.
     pub const fn set_situation(&mut self, situation: Situation<'static>) {
         self.policies.set_situation(situation);
     }
 
     /// Records everything from here on. Call this before the first input, once for each file.
     ///
-    /// Each file has its own thread, which writes twice a second, at once when a message is missed
-    /// or refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the disk
-    /// fails or falls far behind, the recording ends early, with a whole input.
-    /// [`Tally::recording_error`](crate::Tally::recording_error) and the log report this at once,
-    /// and [`finish`](Self::finish) at the end. The operator continues.
+    /// Each file has its own thread. It writes twice a second, and at once when a message is missed
+    /// or refused. [`Recording::every_input`](fuseline_traces::Recording::every_input) makes it
+    /// write each input at once. If the disk fails or falls far behind, the recording ends early,
+    /// with a whole input. [`Tally::recording_error`](crate::Tally::recording_error) and the log
+    /// report this at once, and [`finish`](Self::finish) at the end. The operator continues.
     ///
     /// # Errors
     /// Returns an error if the thread cannot be started.
@@ -152,10 +153,10 @@ impl<V, R> Engine<V, R> {
 
     /// Takes a message (F1). Returns `true` if it is accepted.
     ///
-    /// Then `job` goes to local, whose deadline is `deadline`, and clouds are offered `offers`
-    /// (F2). If the message is refused, `offers` is not read. If too many computations then wait
-    /// for local, one of them is [discarded](Overflow) after the offers: local fails for its
-    /// message (F4), and only clouds can return a result for it.
+    /// The `job` of an accepted message goes to local, which may take `deadline`, and the clouds
+    /// are offered `offers` (F2). If the message is refused, `offers` is not read. If too many
+    /// computations then wait for local, one of them is [discarded](Overflow) after the offers.
+    /// Local fails for that message (F4), and only clouds can return a result for it.
     pub fn open(
         &mut self,
         at: u64,
@@ -219,7 +220,7 @@ impl<V, R> Engine<V, R> {
     /// Offers `request` to cloud `p` for a message handler (F2).
     ///
     /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. The policy
-    /// is called only if the request will be admitted.
+    /// is called only if a request with that greatest deadline would be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
         // Due timers come first, since they may close the message that the policy would be asked
         // about (F0).
@@ -254,8 +255,8 @@ impl<V, R> Engine<V, R> {
 
     /// Applies a source's result (F3).
     ///
-    /// A value of another message than the source may send is a failure (D2, F4), and so is one
-    /// that is meant for another message (D18).
+    /// A value that was computed from a message outside the source's `max_age` counts as a failure
+    /// (D2, F4). So does a value that is meant for another message (D18).
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: impl Into<StampedValue<V>>) {
         let value = value.into();
         let ValueKeys { of, meant_for } = value.keys();
@@ -289,8 +290,9 @@ impl<V, R> Engine<V, R> {
 
     /// Reports that a source will send no result (F4).
     ///
-    /// `why` is counted, given with the message's item, and logged. It is a warning at first and
-    /// every ten seconds while no result comes, and otherwise at the level debug.
+    /// `why` is counted, given with the message's item, and logged. The first failure is logged as
+    /// a warning, and then one every ten seconds while no result comes. All others are logged at
+    /// level debug.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let index = self.sources.index(p);
@@ -315,7 +317,7 @@ impl<V, R> Engine<V, R> {
     /// Ends the run at `at`. If messages are open, a last `tick` in the trace shows that everything
     /// that was due by then is overdue (A44).
     ///
-    /// Nothing is decided any more: the tick comes before the next timer's due instant. Call
+    /// That tick decides nothing, because it comes before the next timer is due. Call
     /// [`finish`](Self::finish) next.
     pub fn end(&mut self, at: u64) {
         if !self.is_idle() {
@@ -337,8 +339,8 @@ impl<V, R> Engine<V, R> {
         self.effects.pop()
     }
 
-    /// Returns the earliest instant, in ns, at which a timer is due, a call has lingered long
-    /// enough, or a lost computation makes room for one that waits. Tick then.
+    /// Returns the earliest instant, in ns, at which [`tick`](Self::tick) has something to do: a
+    /// timer is due, a call has lingered long enough, or a computation counts as lost.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due().into_iter().chain(self.sources.next_due()).min()
@@ -378,7 +380,7 @@ impl<V, R> Engine<V, R> {
         self.open_messages.len()
     }
 
-    /// Returns the counts, which continue to count.
+    /// Returns a handle to the counts, which stays up to date.
     #[must_use]
     pub fn counts(&self) -> Counting {
         Counting::new(&self.counts)

@@ -1,5 +1,5 @@
-//! The items that go downstream: one for each message; under progressive one or more, of which the
-//! last is marked (D1).
+//! The items that go downstream. Each message has one item. Under progressive it has one or more,
+//! and the last is marked (D1).
 
 use std::any::Any;
 use std::fmt;
@@ -43,7 +43,8 @@ pub struct Item<V> {
     /// The value that the operator's [handler](Self::needs_substitute) gave for a message without a
     /// result (E4). The ending stays as it is.
     pub substitute: Option<V>,
-    /// The message itself, if the operator was to keep it. Read it by [`message`](Self::message).
+    /// The message itself, if the operator is configured to carry it. Read it with
+    /// [`message`](Self::message).
     pub carried: Option<CarriedMessage>,
 }
 
@@ -86,11 +87,11 @@ pub struct Forwarded<V> {
     pub arrived: Duration,
     /// The event that triggered the output.
     pub trigger: Trigger,
-    /// The timestamp that the value was computed from, if its source said so: this one, or one
-    /// before it that is no older than the cloud's `max_age` allows (D2).
+    /// The timestamp of the message that the value was computed from, if its source named it. It is
+    /// at most the cloud's `max_age` before the item's own (D2).
     pub of: Option<u64>,
-    /// The message that the value is meant for, if its source named it. It is always this one
-    /// (D18).
+    /// The timestamp of the message that the value is meant for, if its source named it. It is
+    /// always the item's own (D18).
     pub meant_for: Option<u64>,
 }
 
@@ -106,7 +107,7 @@ pub struct Source {
 /// The event that triggered an output.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Trigger {
-    /// The result arrived, and nothing better was still to come (F3).
+    /// The result arrived and was sent at once (F3, F9).
     Arrival,
     /// The result was held, and the sources that it waited for failed (F4).
     Failure,
@@ -167,8 +168,8 @@ impl fmt::Debug for CarriedMessage {
 }
 
 impl<V> Item<V> {
-    /// Returns the message, if the operator was to keep it and it has the type `M` of the
-    /// operator's input.
+    /// Returns the message. Returns `None` if the operator does not carry messages, or if `M` is
+    /// not the type of its input.
     #[must_use]
     pub fn message<M: Send + Sync + 'static>(&self) -> Option<Arc<M>> {
         Arc::downcast(Arc::clone(&self.carried.as_ref()?.0)).ok()
@@ -211,8 +212,9 @@ impl<V> Item<V> {
         }
     }
 
-    /// Returns this item for a consumer that was not given the `earlier` one of its message. If
-    /// this item is final, it gets the value that was sent before.
+    /// Returns this item for a consumer that did not get the `earlier` item of the same message. A
+    /// final item becomes a forwarded one with the earlier value, whose age grows by the time in
+    /// between.
     #[must_use]
     pub fn instead_of(mut self, earlier: Self) -> Self {
         if let (Ending::Final(_), Ending::Preliminary(last)) = (&self.ending, earlier.ending) {

@@ -108,8 +108,8 @@ impl Latency {
         Self(LatencyKind::Stated(Reserve::new(on_board, with_clouds)))
     }
 
-    /// Measures a percentile, from 1 to 100, of local's last 256 computations and of the last 256
-    /// messages. Until 16 were recorded, either is `at_first`.
+    /// Measures the given percentile, 1 to 100, of local's last 256 computations and of the last
+    /// 256 messages. Each of the two is `at_first` until 16 times were recorded for it.
     #[must_use]
     pub fn measured(percent: u8, at_first: Duration) -> Self {
         Self(LatencyKind::Measured { percent, at_first, last: Arc::default() })

@@ -30,17 +30,17 @@ pub struct Lineage {
     pub missing: Vec<Arc<str>>,
 }
 
-/// A value and, if its source says so, of which message it is (D2) and for which one it is meant
-/// (D18).
+/// A value with the messages that its source names: the message that it was computed from (D2), and
+/// the message that it is meant for (D18).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct StampedValue<V> {
     /// The value.
     pub value: V,
-    /// The timestamp of the message that it is of, as the reply says; never copied from the
-    /// request.
+    /// The timestamp of the message that the value was computed from, as the reply states it. Never
+    /// copy it from the request.
     pub of: Option<u64>,
-    /// The timestamp of the message that it is meant for, as the reply says: of a chunk of actions,
-    /// the action's tick.
+    /// The timestamp of the message that the value is meant for, as the reply states it. For an
+    /// action of a chunk, it is the action's tick.
     pub meant_for: Option<u64>,
 }
 

@@ -192,8 +192,8 @@ impl<R> SourceQueue<R> {
         Some(self.in_flight.remove(index).t)
     }
 
-    /// Notes a computation that counts as lost by `now` and still runs. Returns its timestamp, and
-    /// `true` if it gave its place to another.
+    /// Notes a computation that ran past its deadline by `now`. Returns its timestamp, and `true`
+    /// if another computation may take its place.
     pub(crate) fn mark_overrun(&mut self, now: u64) -> Option<(u64, bool)> {
         let call = self.in_flight.iter_mut().find(|call| call.is_lost(now))?;
         call.lost = u64::MAX;

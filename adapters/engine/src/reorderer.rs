@@ -1,5 +1,5 @@
-//! Sorts the items of one operator by timestamp. Each waits for earlier ones no longer than a bound
-//! (E9).
+//! Sorts the items of one operator by timestamp. An item waits only up to a bound for the items of
+//! earlier timestamps (E9).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
@@ -53,8 +53,8 @@ struct WaitingItem<T> {
 const MOST: usize = 1024;
 
 impl<T> Reorderer<T> {
-    /// Creates a reorderer in which an item waits for earlier ones for `wait`, but no longer than
-    /// until `reserve` is left of its end-to-end deadline.
+    /// Creates a reorderer in which an item waits for earlier ones for at most `wait`. The wait
+    /// also ends when only `reserve` is left of the item's end-to-end deadline.
     #[must_use]
     pub const fn new(wait: Duration, reserve: Duration) -> Self {
         Self { wait, reserve, next: 0, waiting: BTreeMap::new(), count: 0, ready: VecDeque::new() }

@@ -1,4 +1,4 @@
-//! An operator's machine, with room for few more timestamps than its window.
+//! An operator's machine, in the smallest of three capacities that has room for the window.
 //!
 //! A machine's memory, and the number of keys that it reads when a timer changes, depend on its
 //! capacity, not on its window. Its answers do not.

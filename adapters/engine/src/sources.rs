@@ -112,8 +112,8 @@ impl<R> SourceQueues<R> {
     }
 
     /// Returns the next instant when a call has lingered long enough or a computation counts as
-    /// lost. A computation that can be lost on the way counts only if it makes room for one that
-    /// waits.
+    /// lost. If results can be lost on the way, lost computations matter only while another
+    /// computation waits.
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.queues.iter().filter(|_| self.may_linger);
         let lingering = lingering.filter_map(SourceQueue::next_lingering_end);

@@ -56,8 +56,8 @@ pub enum CapacityError {
 #[derive(Clone, PartialEq, Debug)]
 pub struct CapacityErrors(pub Vec<CapacityError>);
 
-/// The greatest delay of an output after its due instant, in seconds. Timers take 1 ms, and more on
-/// busy hosts.
+/// The greatest delay of an output after its due instant, in seconds. Timers are up to 1 ms late,
+/// and later on busy hosts.
 const LATENESS: f64 = 0.005;
 
 impl Workload {
@@ -78,7 +78,7 @@ impl Workload {
         }
         let mut all = Vec::new();
         let open = workload.longest_deadline.max(workload.local_response).as_secs_f64() + LATENESS;
-        // The message that comes as the oldest is due, and the next one.
+        // Two more: the message that comes as the oldest one is due, and the message after it.
         let needs = whole((open * workload.rate).ceil()).saturating_add(2);
         if window < needs {
             all.push(CapacityError::Window { workload, has: window, needs });

@@ -1,8 +1,7 @@
 //! Carries out the machine's answers: items, calls to start and to abort, counts and logs (D3).
 //!
-//! This is the private half of [`Engine`], in the order in which an input uses it: what comes
-//! before the answer, the firings, the outcomes of results and failures, and what may start
-//! afterwards.
+//! This is the private half of [`Engine`], in the order in which an input uses it: the preparation,
+//! the firings, the outcomes of results and failures, and the requests that start afterwards.
 
 use std::mem;
 use std::sync::Arc;
@@ -26,8 +25,8 @@ use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
 
 impl<V, R> Engine<V, R> {
-    /// Handles the passing of time up to `at`, before the input itself: meters the lag of the timer
-    /// that is due, and ends calls that have lingered long enough.
+    /// Prepares an input at `at`. Meters the lag of the timer that is due first, and ends the calls
+    /// that have lingered long enough.
     pub(super) fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.counts.timer_lag(Duration::from_nanos(at - due));
@@ -81,8 +80,8 @@ impl<V, R> Engine<V, R> {
         self.decide_annotated(input, || Annotations::NONE)
     }
 
-    /// Does the same as [`decide`](Self::decide), with further keys of the input. `annotations`
-    /// makes them only if something is recorded.
+    /// Does the same as [`decide`](Self::decide), with further keys of the input. `annotations` is
+    /// called only if something is recorded.
     pub(super) fn decide_annotated(
         &mut self,
         input: &Input,
@@ -325,7 +324,7 @@ impl<V, R> Engine<V, R> {
         Some((index, Forwarded { value, source, arrived, trigger, of, meant_for }))
     }
 
-    /// Cancels the requests that the output outranks (F7, F9).
+    /// Closes the requests that an output cancels (F7, F9).
     fn cancel(&mut self, at: u64, t: u64, cancelled: &Priorities<CLOUDS>) {
         for p in cancelled.iter() {
             let Some(index) = self.sources.index(p.as_u16()) else { continue };
