@@ -1,7 +1,7 @@
 //! [`Expected`], the deadline of least mean loss, and the functions that compute it.
 //!
-//! The book's chapter *Deadlines that are safe* derives the mean loss and where it is least (T3),
-//! and the effect of the window and of the probes (T6).
+//! The book's chapter *Deadlines that are safe* derives the mean loss, and where it is least (T3).
+//! It also explains the effect of the window and the probes (T6).
 
 use core::time::Duration;
 
@@ -16,13 +16,13 @@ use crate::survival::{Observation, Step, Survival};
 /// Chooses the deadline of least mean loss, from how the last `WINDOW` calls of the cloud ended.
 ///
 /// This policy knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::cap) it. If the
-/// cloud is gone, waiting gains nothing, so the deadline becomes local's response; waiting until
-/// then costs no time.
+/// cloud is gone, waiting gains nothing. The deadline then becomes local's response, because
+/// waiting that long costs no time.
 ///
 /// A call that is given up at a short deadline cannot show that its result would have come soon
-/// after. So one message in `probe_every` waits as long as the cap allows. After the cloud goes or
-/// returns, `WINDOW` ends of calls suffice: the policy then knows only the new state, and at least
-/// one of those calls was a probe.
+/// after. So one message in `probe_every` waits as long as the cap allows. Once `WINDOW` calls have
+/// ended after the cloud went or returned, the policy knows only the new state. At least one of
+/// these calls was a probe.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Expected<L, const WINDOW: usize = 64> {
     loss: L,
@@ -76,8 +76,8 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
         })
     }
 
-    /// Returns the gain that is expected of a request under `cap`, in the loss's unit: local's loss
-    /// minus the least mean loss.
+    /// Returns the expected gain of a request under `cap`: local's loss minus the least mean loss,
+    /// in the loss's unit.
     ///
     /// The gain is 0 if the cloud is gone or unknown. A [`SendBudget`](crate::SendBudget) compares
     /// such gains.
@@ -133,13 +133,13 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
     }
 }
 
-/// Returns the deadline of least mean loss from local's least response to `cap`, or the shortest of
-/// several (T3).
+/// Returns the deadline of least mean loss between local's least response and `cap`. If several
+/// deadlines have that loss, returns the shortest (T3).
 ///
-/// `local_response` is the least and the greatest. If the cloud's result comes before the deadline,
-/// it is the output. Otherwise local's result is, at the deadline or at local's greatest response,
-/// whichever is later. The search looks only at local's least response and at each step, because
-/// between two steps a longer deadline gains nothing.
+/// `local_response` has local's least and greatest response. If the cloud's result comes before the
+/// deadline, it is the output. Otherwise local's result is the output, at the deadline or at
+/// local's greatest response, whichever is later. The search looks only at local's least response
+/// and just after each step, because between two steps a longer deadline gains nothing.
 pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     steps: Survival<'a, I>,
     local_response: (Duration, Duration),

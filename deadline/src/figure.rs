@@ -6,16 +6,16 @@ use crate::invalid::Invalid;
 use crate::span::Span;
 use crate::units::Quantity;
 
-/// A figure that a policy is made of.
+/// A figure from which a policy is made.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Figure {
     /// The vehicle's deceleration.
     Deceleration,
     /// The delay of the brakes.
     BrakeDelay,
-    /// The time between two frames that local takes.
+    /// The time between two frames that local processes.
     PeriodLocal,
-    /// The time between two frames that the cloud takes.
+    /// The time between two frames that the cloud processes.
     PeriodCloud,
     /// Local's response.
     LocalResponse,

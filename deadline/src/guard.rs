@@ -9,12 +9,12 @@ use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 use crate::units::Metres;
 
-/// Computes the longest deadline with which fusion never hits what local alone would not have hit
+/// Chooses the longest deadline with which fusion never hits what local alone would not have hit
 /// (T2).
 ///
-/// The guarantee has conditions; the book's chapter *Deadlines that are safe* lists them, with what
-/// is not guaranteed (T4). Two of them concern the planner: it counts timestamps, not arrivals, and
-/// an output without a report breaks a row of reports only if local has a result for its timestamp.
+/// Section 9 of `SPEC.md` lists the conditions of this guarantee, and what is not guaranteed (T4).
+/// Two conditions concern the planner. It counts timestamps, not arrivals. And an output without a
+/// report breaks a row of reports only if local has a result for its timestamp.
 ///
 /// Any shorter deadline keeps the guarantee. So it also holds for every policy that the guard
 /// [`cap`](Policy::cap).
@@ -38,13 +38,14 @@ pub struct Assessment {
     pub deadline: Duration,
 }
 
-/// The times of one class of hazards in a situation, in seconds after capture. NaN decides nothing.
+/// The times of one class of hazards in a situation, in seconds after capture. They are NaN if the
+/// situation makes no sense.
 struct HazardTimes {
-    /// Until this time local's results surely suffice to stop.
+    /// The time until which local's results surely suffice to stop.
     local: f64,
-    /// From this time on local's results surely do not suffice.
+    /// The time from which on local's results surely do not suffice.
     lost: f64,
-    /// Until this time the cloud's results may suffice.
+    /// The time until which the cloud's results may suffice.
     cloud: f64,
 }
 
@@ -106,7 +107,7 @@ impl Guard {
         (least, greatest)
     }
 
-    /// Returns the parameters that the guard was made of.
+    /// Returns the parameters from which the guard was made.
     #[must_use]
     pub const fn parameters(&self) -> &Parameters {
         &self.parameters
@@ -138,9 +139,9 @@ impl Guard {
         let at_best = |range: f64, frames: f64| {
             time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
         };
-        // Not capped by `reveal`: an obstacle that came into sight a frame ago was further away,
-        // and local may be about to stop for it, though not for an obstacle that comes into sight
-        // from now on.
+        // `reveal` does not cap this range. An obstacle that came into sight a frame ago was
+        // further away, and local may be about to stop for it. It may not stop for an obstacle that
+        // comes into sight from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
         HazardTimes { local, lost, cloud }

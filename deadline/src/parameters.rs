@@ -29,10 +29,10 @@ pub struct Parameters {
     /// The number of frames in a row that must report an obstacle before the vehicle brakes; 3 by
     /// default.
     pub frames: u32,
-    /// The time between two frames that local takes; 1/30 s by default. It is the camera's period
-    /// if local's calls overlap, and otherwise local's response rounded up to whole periods.
+    /// The time between two frames that local processes; 1/30 s by default. It is the camera's
+    /// period if local's calls overlap, and otherwise local's response rounded up to whole periods.
     pub period_local: Span<Duration>,
-    /// The time between two frames that the cloud takes; 1/30 s by default.
+    /// The time between two frames that the cloud processes; 1/30 s by default.
     pub period_cloud: Span<Duration>,
     /// The time from a frame's capture until local's result; 0.3017 s by default.
     pub local_response: Span<Duration>,

@@ -23,7 +23,7 @@ pub trait Policy {
     /// Reports that a call has ended.
     fn ended(&mut self, end: End);
 
-    /// Returns `true` if the policy's promise, such as T1 or T2, assumes one output for each
+    /// Returns `true` if the policy's promise, such as T1 or T2, requires one output for each
     /// message. Adapters refuse such a policy under the progressive commit rule.
     fn assumes_one_output(&self) -> bool {
         false
@@ -37,8 +37,8 @@ pub trait Policy {
 
     /// Makes this policy's deadline the cap of `policy`.
     ///
-    /// The other policy learns the cap and chooses under it: the best deadline under a cap may be
-    /// far below the best one without a cap, cut off.
+    /// The other policy is given the cap and chooses the best deadline up to it. That deadline may
+    /// lie far below the cap, although the best deadline of all lies above it.
     fn cap<P: Policy>(self, policy: P) -> Capped<Self, P>
     where
         Self: Sized,
@@ -52,11 +52,11 @@ pub trait Policy {
 pub struct Situation<'a> {
     /// The vehicle's speed, from this message's capture until it could brake for it.
     ///
-    /// If the span is not a speed (for example NaN, below 0 or above 150 m/s), the policy treats
-    /// the situation as unknown and takes no risk.
+    /// If an end of the span is not a speed from 0 to 150 m/s, the situation counts as unknown, and
+    /// a guard takes no risk.
     pub speed: Span<MetresPerSecond>,
-    /// The distance to the nearest place, such as a corner or a parked van, from which something
-    /// may have come or may come into sight, if that is known. A place counts until
+    /// The distance to the nearest place where something may come into sight or has just come, such
+    /// as a corner or a parked van. `None` if it is unknown. A place counts until
     /// [`frames`](crate::Parameters::frames) frames after whatever is behind it is in sight.
     pub reveal: Option<Metres>,
     /// The age of each call under way, the oldest first. The list may be empty; policies then
@@ -126,18 +126,18 @@ pub struct Capped<C, P> {
 }
 
 impl Situation<'_> {
-    /// A situation of which nothing is known, so no risk is taken.
+    /// The situation when nothing is known. A guard then takes no risk.
     pub const UNKNOWN: Self =
         Self { speed: Span::exactly(MetresPerSecond(f64::NAN)), reveal: None, under_way: &[] };
 
-    /// Returns the situation of a vehicle at `speed`, of which nothing else is known.
+    /// Returns the situation of a vehicle at `speed` when nothing else is known.
     #[must_use]
     pub fn at(speed: impl Into<Span<MetresPerSecond>>) -> Self {
         Self { speed: speed.into(), ..Self::UNKNOWN }
     }
 
-    /// Checks whether the situation makes sense. Policies do not fail if it does not, but they then
-    /// wait no longer than local takes.
+    /// Checks whether the situation makes sense. If it does not, policies do not fail: a guard, and
+    /// losses that need the speed, then give local's least response.
     ///
     /// # Errors
     /// Returns an [`Invalid`] for the first figure that is not plausible.

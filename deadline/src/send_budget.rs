@@ -5,11 +5,11 @@ use core::time::Duration;
 /// Spreads a link's bytes over streams of requests. A stream is one operator's requests to one
 /// cloud.
 ///
-/// The bytes that the link carries go to the stream with the greatest expected gain per byte until
-/// it can send two messages, then to the second stream, and so on. Bytes that no stream needs are
-/// lost, so the streams never send more than the rate times the time since the first offer. The
-/// caller estimates the gain of each request, for example by
-/// [`Expected::gain`](crate::Expected::gain). A stream without a gain gets nothing.
+/// The stream with the greatest expected gain per byte gets the bytes that the link carries, until
+/// it can send two messages. Then the second stream gets them, and so on. Bytes that no stream
+/// needs are lost, so the streams never send more than the rate times the time since the first
+/// offer. The caller estimates the gain of each request, for example by
+/// [`Expected::gain`](crate::Expected::gain). A stream without a gain gets bytes only for probes.
 ///
 /// A message that takes the link longer than `longest` is never sent: it would be late and would
 /// hold up all others.
@@ -60,8 +60,8 @@ struct SendStream {
 /// The number of billionths of a byte in a byte.
 const WHOLE: u128 = 1_000_000_000;
 
-/// The number of messages for which a stream may save. With one, the bytes beyond it would be lost
-/// until it is sent.
+/// The number of messages for which a stream may save. If it were one, all further bytes would be
+/// lost until that message is sent.
 const MESSAGES: u128 = 2;
 
 impl<const STREAMS: usize> SendBudget<STREAMS> {

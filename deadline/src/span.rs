@@ -47,8 +47,8 @@ impl<T> Span<T> {
 }
 
 impl Span<Duration> {
-    /// Returns the time between two frames at `rate`, in Hz, as a span of at most one nanosecond,
-    /// because 1/`rate` need not be a whole number of nanoseconds.
+    /// Returns the time between two frames at `rate`, in Hz. The result is a span of at most one
+    /// nanosecond, because 1/`rate` need not be a whole number of nanoseconds.
     ///
     /// A `rate` that makes no sense gives a time that is refused where it is used.
     #[must_use]

@@ -1,4 +1,5 @@
-//! [`Survival`]: estimates how long a cloud's results take, from calls of which some were given up.
+//! [`Survival`]: estimates how long a cloud's results take, even if some of the observed calls were
+//! given up.
 //!
 //! The book's chapter *Deadlines that are safe* has the formula of the estimate and its source
 //! (T5).
@@ -6,7 +7,7 @@
 use core::iter::Peekable;
 use core::time::Duration;
 
-/// A number of calls that were seen until the same age.
+/// Counts the calls that were observed until the same age.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Observation {
     /// The age, counted from the capture of the message.
@@ -22,8 +23,8 @@ pub struct Observation {
 /// Yields a step for each distinct response, in ascending order.
 ///
 /// A call that was given up counts as neither fast nor lost: it counts for as long as it was seen.
-/// A call that was given up at the age at which others had their results counts as one whose result
-/// had not come by that age.
+/// If a call was given up at an age at which other calls had their results, it counts as not
+/// answered by that age.
 #[derive(Clone, Debug)]
 pub struct Survival<'a, I: Iterator<Item = Observation>> {
     sorted: Peekable<I>,
@@ -57,7 +58,7 @@ impl<'a, I: Iterator<Item = Observation> + Clone> Survival<'a, I> {
     /// Creates an estimate from observations in the order of their [`key`](Observation::key), and
     /// from the ages of the calls under way, the oldest first.
     ///
-    /// Any other order makes the estimate wrong; it is not detected.
+    /// Any other order makes the estimate wrong, and is not detected.
     pub fn new(sorted: I, under_way: &'a [Duration]) -> Self {
         let counts = sorted.clone().map(|observation| observation.count);
         let at_risk = counts.fold(under_way.len() as u64, u64::saturating_add);
