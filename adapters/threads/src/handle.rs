@@ -20,10 +20,11 @@ use crate::packed::PackedSlot;
 
 /// Takes results, failures and ticks from any thread.
 ///
-/// Each call names its message and an instant of the caller's own clock. It first fires the timers
-/// of that message that are due by then, and returns that firing. If timers were due at several
-/// instants, the firing has all of them, with the last due instant and its outcome. The caller that
-/// gets `Forwarded`, in a firing or an outcome, sends the output; exactly one caller does.
+/// Each call names its message and an instant of the caller's own clock. It first fires the
+/// message's timers that are due by then, and returns them as one firing. If timers were due at
+/// several instants, the firing has all of them, with the last due instant and its outcome. The
+/// caller that gets `Forwarded`, in a firing or an outcome, sends the output; exactly one caller
+/// does.
 ///
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
 /// - queries: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
@@ -43,9 +44,9 @@ pub(crate) struct WindowSlot<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
-    /// The greatest number of changes to an open timestamp: each cloud is requested once, each
-    /// source stops being pending once, and the last of these changes retires it. An exchange fails
-    /// only after a change.
+    /// The greatest number of changes to an open timestamp. Each cloud is requested once, each
+    /// source stops being pending once, and the last of these changes retires the timestamp. An
+    /// exchange fails only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 
     pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
@@ -153,8 +154,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         })
     }
 
-    /// Replaces the message's state by the one that `decide` returns, as one atomic step, and
-    /// returns its answer. Returns `None` if the message is no longer open.
+    /// Atomically replaces the message's state with the state that `decide` returns, and returns
+    /// the answer of `decide`. Returns `None` if the message is no longer open.
     ///
     /// No state recurs within a generation, and the due instant of a requested source does not
     /// change. So if the word is unchanged, everything that `decide` saw is unchanged too.

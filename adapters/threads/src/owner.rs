@@ -47,9 +47,9 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
 
     /// Opens a message with this timestamp (F1).
     ///
-    /// `deadline` is how long local may take, or `None` if that is not bounded. The call looks at
-    /// each slot at most once, and at only one if messages are retired in the order in which they
-    /// were opened.
+    /// `deadline` is how long local may take, or `None` for no bound. The call looks at each slot
+    /// at most once. It looks at only one slot if there is room, and messages are retired in the
+    /// order in which they were opened.
     ///
     /// # Errors
     /// Returns the first [`OpenRefusal`] that holds. Another thread may retire a message meanwhile,
@@ -80,7 +80,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     }
 
     /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired
-    /// first, as [`SharedHandle::expire`] does.
+    /// first, as [`SharedHandle::expire`] does, and the admission.
     ///
     /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing
     /// queue without this message.

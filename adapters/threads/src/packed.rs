@@ -2,8 +2,9 @@
 
 use fuseline_core::{Commit, Slot, Sources};
 
-/// The first bits of all sources come first, then their second bits, then the generation, which is
-/// odd while the slot is open.
+/// Two bits for each source, and the slot's generation. The low bits of the word are the first bits
+/// of all sources. Their second bits follow, and then the generation, which is odd while the slot
+/// is open. The table shows the second bit on the left.
 ///
 /// | bits | a cloud is | local is |
 /// |---|---|---|

@@ -8,8 +8,8 @@ use crate::owner::{Owner, OwnerState};
 /// One operator's machine for many threads, with up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024)
 /// open timestamps. The documentation of the [crate](crate) says what it guarantees.
 ///
-/// Threads that outlive the function that made the machine need a `'static` machine, as from
-/// `Box::leak` or a static cell.
+/// Threads that outlive the function that made the machine need a `'static` machine, such as one
+/// from `Box::leak` or a static cell.
 ///
 /// ```
 /// use fuseline_core::{Admission, Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
@@ -52,8 +52,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
         })
     }
 
-    /// Returns the half for the one owner, and the handle for all threads. Splitting again keeps
-    /// the open messages.
+    /// Splits the machine into its one owner and the handle for all threads. Splitting it again
+    /// keeps the open messages.
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &SharedHandle<CLOUDS, WINDOW>) {
         let Self { handle, state } = self;
         (Owner::new(handle, state), handle)

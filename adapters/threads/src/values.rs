@@ -35,7 +35,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
 
     /// Opens a message with this timestamp (F1). Returns the message and the call for local.
     ///
-    /// `deadline` is how long local may take, or `None` if that is not bounded.
+    /// `deadline` is how long local may take, or `None` for no bound.
     ///
     /// # Errors
     /// Returns the first [`OpenRefusal`] that holds.
@@ -64,7 +64,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
     /// queue without this message.
     ///
     /// # Errors
-    /// The inner result is the first [`OfferRefusal`] that holds.
+    /// The inner result has the first [`OfferRefusal`] that holds.
     #[expect(clippy::type_complexity, reason = "each part is another type's answer")]
     pub fn offer(
         &mut self,
