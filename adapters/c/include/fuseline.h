@@ -19,20 +19,26 @@
  *            ... answer.outcome of message answer.t: forward, report a miss, hold, drop ...
  *          } while (status == FUSELINE_STATUS_AGAIN);
  *
- *      There are at most as many firings as armed timers. Nanoseconds have no sign here, so make instants and deadlines
- *      by fuseline_instant and fuseline_deadline, which handle negative numbers, and not by a subtraction.
+ *      There are at most as many firings as armed timers. Nanoseconds have no sign here. So make instants and deadlines
+ *      with fuseline_instant and fuseline_deadline, which handle negative numbers, and not by a subtraction.
  *   3. Keep the value of a held result until its message is forwarded or missed.
  *
  * No call allocates, blocks, panics or throws, and the answer is its whole effect. One machine serves one thread at a
  * time, and two machines are independent.
  *
- * The status reports these errors, and the call then changes nothing: a null or misaligned pointer; a storage that is
- * too small, is not a machine, or was copied from elsewhere; an answer within the machine or within another answer; and
- * a call from within another call (an interrupt or a signal).
+ * The status reports these errors, and the call then changes nothing:
  *
- * These errors are not detected: a pointer that is neither null nor to memory of the right size; storage that somebody
- * else writes or restores; a process that forks and continues in both; and two threads that call one machine at the same
- * time.
+ *   - a null or misaligned pointer
+ *   - a storage that is too small, is not a machine, or was copied from elsewhere
+ *   - an answer within the machine or within another answer
+ *   - a call from within another call, as in an interrupt or a signal handler
+ *
+ * These errors are not detected:
+ *
+ *   - a pointer that is neither null nor to memory of the right size
+ *   - storage that somebody else writes or restores
+ *   - a process that forks and continues in both copies
+ *   - two threads that call one machine at the same time
  */
 
 
@@ -117,13 +123,13 @@ enum fuseline_status
    */
   FUSELINE_STATUS_DONE = 0,
   /**
-   * Timers fired first (F5). The answer is theirs, and the input was not applied. Act on the answer, then
-   * make the same call again.
+   * Timers fired first (F5). The answer is theirs, and the input was not applied. Act on the
+   * answer, then make the same call again.
    */
   FUSELINE_STATUS_AGAIN = 1,
   /**
-   * There is nothing to report: no timer is armed, the timestamp is not open, or no cloud has this
-   * priority.
+   * There is nothing to report: no timer is armed, the timestamp is not open, or no cloud has
+   * this priority.
    */
   FUSELINE_STATUS_NONE = 2,
   /**
@@ -156,7 +162,7 @@ enum fuseline_status
    */
   FUSELINE_STATUS_ABI = 22,
   /**
-   * The library does not hold a machine of exactly this many clouds and this window.
+   * The library was not built for exactly this number of clouds and this window.
    */
   FUSELINE_STATUS_CAPACITY = 23,
   /**
@@ -217,8 +223,8 @@ enum fuseline_outcome
    */
   FUSELINE_OUTCOME_ACCEPTED = 1,
   /**
-   * Open, offer: refused for the reason `why`. Nothing changed except, possibly, a gate. A refused request
-   * must not be sent.
+   * Open, offer: refused for the reason `why`. Nothing changed except, possibly, a gate. A
+   * refused request must not be sent.
    */
   FUSELINE_OUTCOME_REFUSED = 2,
   /**
@@ -230,8 +236,8 @@ enum fuseline_outcome
    */
   FUSELINE_OUTCOME_HELD = 4,
   /**
-   * Send the value of `by` downstream. The timestamp is retired: discard its other held values. The calls
-   * of `cancelled` may be aborted.
+   * Send the value of `by` downstream. The timestamp is retired: discard its other held values.
+   * The calls of `cancelled` may be aborted.
    */
   FUSELINE_OUTCOME_FORWARDED = 5,
   /**
@@ -247,14 +253,14 @@ enum fuseline_outcome
    */
   FUSELINE_OUTCOME_WAITING = 8,
   /**
-   * Result, progressive only: send the value of `by` downstream. The calls of `cancelled` may be aborted.
-   * The timestamp stays open for better values, until FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL
-   * comes.
+   * Result, progressive only: send the value of `by` downstream. The calls of `cancelled` may be
+   * aborted. The timestamp stays open for better values, until FUSELINE_OUTCOME_FORWARDED or
+   * FUSELINE_OUTCOME_FINAL comes.
    */
   FUSELINE_OUTCOME_PRELIMINARY = 9,
   /**
-   * Failure, timers, progressive only: the value of `by`, sent before, was the last one. The timestamp is
-   * retired, and there is nothing to send.
+   * Failure, timers, progressive only: the value of `by`, sent before, was the last one. The
+   * timestamp is retired, and there is nothing to send.
    */
   FUSELINE_OUTCOME_FINAL = 10,
 };
@@ -267,7 +273,8 @@ typedef uint32_t fuseline_outcome;
 #endif // __cplusplus
 
 /**
- * The reason why an input was refused or dropped: the first one that holds, in the order of SPEC.md.
+ * The reason why an input was refused or dropped: the first one that holds, in the order of
+ * SPEC.md.
  */
 enum fuseline_reason
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -287,8 +294,8 @@ enum fuseline_reason
    */
   FUSELINE_REASON_FULL = 2,
   /**
-   * Open, offer: the due instant is not later than now, or the deadline is above the configuration's
-   * greatest.
+   * Open, offer: the due instant is not later than now, or the deadline is above the
+   * configuration's greatest.
    */
   FUSELINE_REASON_DEADLINE = 3,
   /**
@@ -300,13 +307,13 @@ enum fuseline_reason
    */
   FUSELINE_REASON_CLOSED = 5,
   /**
-   * The cloud was requested before; or the source's result is already held or, under progressive, was sent
-   * last.
+   * The cloud was requested before; or the source's result is already held or, under
+   * progressive, was sent last.
    */
   FUSELINE_REASON_DUPLICATE = 6,
   /**
-   * Offer: a held result or, under progressive, the last one sent outranks whatever this cloud would
-   * return.
+   * Offer: a held result or, under progressive, the last one sent outranks whatever this cloud
+   * would return.
    */
   FUSELINE_REASON_OUTRANKED = 7,
   /**
@@ -314,8 +321,8 @@ enum fuseline_reason
    */
   FUSELINE_REASON_QUEUE = 8,
   /**
-   * Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the
-   * source's.
+   * Result, failure: the timestamp is not open or, under progressive, the last result sent
+   * outranks the source's.
    */
   FUSELINE_REASON_SUPERSEDED = 9,
   /**
@@ -336,8 +343,9 @@ typedef uint32_t fuseline_reason;
 #endif // __cplusplus
 
 /**
- * The capacity of a machine: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A
- * library may hold one more, that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
+ * The capacity of a machine: 65536 times the number of clouds, plus the number of open timestamps
+ * (FUSELINE_CAPACITY_OF). A library may be built for one more capacity, with FUSELINE_OWN_CLOUDS
+ * and FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
  */
 enum fuseline_capacity
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -386,8 +394,8 @@ enum fuseline_commit
    */
   FUSELINE_COMMIT_PATIENT = 1,
   /**
-   * Sends each result that is better than those before it at once: FUSELINE_OUTCOME_PRELIMINARY while
-   * better ones may follow.
+   * Sends each result that is better than those before it at once: FUSELINE_OUTCOME_PRELIMINARY
+   * while better ones may follow.
    */
   FUSELINE_COMMIT_PROGRESSIVE = 2,
 };
@@ -432,19 +440,19 @@ typedef struct fuseline_cloud {
  */
 typedef struct fuseline_config {
   /**
-   * FUSELINE_ABI.
+   * Must be FUSELINE_ABI.
    */
   uint32_t abi;
   /**
-   * FUSELINE_LAYOUT.
+   * Must be FUSELINE_LAYOUT.
    */
   uint32_t layout;
   /**
-   * A fuseline_capacity, or a FUSELINE_CAPACITY_OF.
+   * The capacity: a fuseline_capacity, or a value of FUSELINE_CAPACITY_OF.
    */
   uint32_t capacity;
   /**
-   * A fuseline_commit.
+   * The commit rule: a fuseline_commit.
    */
   uint32_t commit;
   /**
@@ -456,13 +464,14 @@ typedef struct fuseline_config {
    */
   uint32_t clouds_len;
   /**
-   * The clouds in any order. It may be null if there is none. It is not used after the call.
+   * The clouds in any order. The pointer may be null if there are none, and is not used after
+   * the call.
    */
   const struct fuseline_cloud *clouds;
   /**
-   * The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait for a
-   * message. A longer deadline is refused as FUSELINE_REASON_DEADLINE, and so is a negative one, which is
-   * huge without its sign.
+   * The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait
+   * for a message. A longer deadline is refused as FUSELINE_REASON_DEADLINE. So is a negative
+   * number, because it is huge without its sign.
    */
   uint64_t greatest_deadline;
 } fuseline_config;
@@ -585,18 +594,18 @@ typedef struct fuseline_message {
    */
   uint32_t cached;
   /**
-   * 0.
+   * Always 0.
    */
   uint32_t reserved;
 } fuseline_message;
 
 /**
- * Identifies one open message of the machine for many threads that opened it. Another machine refuses it
- * with FUSELINE_STATUS_MESSAGE_ID, and every machine refuses an id that is all 0.
+ * Identifies one open message of the machine for many threads that opened it. Another machine
+ * refuses it with FUSELINE_STATUS_MESSAGE_ID, and every machine refuses an id that is all 0.
  */
 typedef struct fuseline_message_id {
   /**
-   * Opaque.
+   * Opaque: do not read or change it.
    */
   uint64_t opaque[3];
 } fuseline_message_id;
@@ -616,39 +625,39 @@ uint32_t fuseline_abi(void);
 FUSELINE_CHECKED const char *fuseline_version(void);
 
 /**
- * Returns the capacity that the library was built for beside the named ones, or 0 if there is none.
+ * Returns the capacity that the library was built for in addition to the named ones, or 0 if there
+ * is none.
  */
 uint32_t fuseline_own_capacity(void);
 
 /**
  * Returns a deadline of `count` units of `unit` nanoseconds each, as in
- * fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which is refused, if it is
- * negative, and UINT64_MAX, which is above every greatest deadline but itself, if it does not fit.
+ * fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which every machine
+ * refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit; a machine
+ * refuses that unless it is its greatest deadline.
  */
-FUSELINE_CHECKED
-uint64_t fuseline_deadline(int64_t count,
-                           uint64_t unit);
+FUSELINE_CHECKED uint64_t fuseline_deadline(int64_t count, uint64_t unit);
 
 /**
- * Returns an instant from a reading of CLOCK_MONOTONIC or a similar clock: a struct timespec's seconds and
- * nanoseconds. Returns 0 if the reading is negative, and UINT64_MAX if it does not fit.
+ * Returns an instant from a reading of CLOCK_MONOTONIC or a similar clock: a struct timespec's
+ * seconds and nanoseconds. Returns 0 if the reading is negative, and UINT64_MAX if it does not
+ * fit.
  */
-FUSELINE_CHECKED
-uint64_t fuseline_instant(int64_t seconds,
-                          int64_t nanoseconds);
+FUSELINE_CHECKED uint64_t fuseline_instant(int64_t seconds, int64_t nanoseconds);
 
 /**
- * Returns the number of bytes of storage that a capacity takes in this library, or 0 if the library does not
- * hold it.
+ * Returns the number of bytes of storage that a machine of this capacity takes, or 0 if the
+ * library was not built for the capacity.
  */
 size_t fuseline_bytes(uint32_t capacity);
 
 /**
- * Makes a machine in `storage`, which has `bytes` bytes, is aligned as a uint64_t, and belongs to the
- * machine until fuseline_end.
+ * Makes a machine in `storage`. The storage has `bytes` bytes, is aligned as a uint64_t, and
+ * belongs to the machine until fuseline_end.
  *
- * The storage is not read, so a machine that is already there is lost. Nothing is written unless the call
- * succeeds; then `*machine` is the argument of the other functions. The machine must stay where it is.
+ * The storage is not read, so a machine that is already there is lost. Nothing is written unless
+ * the call succeeds; then `*machine` is the argument of the other functions. The machine must stay
+ * where it is.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_init(void *storage,
@@ -657,14 +666,13 @@ fuseline_status fuseline_init(void *storage,
                               struct fuseline_machine **machine);
 
 /**
- * Ends a machine. Its storage is the caller's again, and further calls return FUSELINE_STATUS_FOREIGN.
- * Messages that are open have no output.
+ * Ends a machine. Its storage is the caller's again, and further calls return
+ * FUSELINE_STATUS_FOREIGN. Messages that are open have no output.
  */
-FUSELINE_CHECKED
-fuseline_status fuseline_end(struct fuseline_machine *machine);
+FUSELINE_CHECKED fuseline_status fuseline_end(struct fuseline_machine *machine);
 
 /**
- * Opens timestamp `t` because a message with it arrived (F1).
+ * Opens timestamp `t`, because its message arrived (F1). Local may take any time.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_open(struct fuseline_machine *machine,
@@ -683,8 +691,8 @@ fuseline_status fuseline_open_within(struct fuseline_machine *machine,
                                      struct fuseline_answer *answer);
 
 /**
- * Asks whether message `t` may be sent to cloud `p`, which may take `deadline` nanoseconds (F2). `backlog`
- * is the number of other requests in the cloud's outgoing queue.
+ * Asks whether message `t` may be sent to cloud `p`, which may take `deadline` nanoseconds (F2).
+ * `backlog` is the number of other requests in the cloud's outgoing queue.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_offer(struct fuseline_machine *machine,
@@ -716,7 +724,8 @@ fuseline_status fuseline_fail(struct fuseline_machine *machine,
                               struct fuseline_answer *answer);
 
 /**
- * Lets time pass (F0). Call it at the next due instant; further calls are allowed at any time (P10).
+ * Lets time pass (F0). Call it at the next due instant. You may also call it at any other time
+ * (P10).
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_tick(struct fuseline_machine *machine,
@@ -724,11 +733,10 @@ fuseline_status fuseline_tick(struct fuseline_machine *machine,
                               struct fuseline_answer *answer);
 
 /**
- * Writes the earliest instant at which a timer is due. Returns FUSELINE_STATUS_NONE if no timer is armed.
+ * Writes the earliest instant at which a timer is due. Returns FUSELINE_STATUS_NONE if no timer is
+ * armed.
  */
-FUSELINE_CHECKED
-fuseline_status fuseline_next_due(struct fuseline_machine *machine,
-                                  uint64_t *due);
+FUSELINE_CHECKED fuseline_status fuseline_next_due(struct fuseline_machine *machine, uint64_t *due);
 
 /**
  * Writes the state of the machine as a whole.
@@ -746,8 +754,8 @@ fuseline_status fuseline_look_at(struct fuseline_machine *machine,
                                  struct fuseline_message *message);
 
 /**
- * Writes 1 if the last offer left the gate of cloud `p` shut, and otherwise 0. Returns FUSELINE_STATUS_NONE
- * if there is no such cloud.
+ * Writes 1 if the last offer left the gate of cloud `p` shut, and otherwise 0. Returns
+ * FUSELINE_STATUS_NONE if there is no such cloud.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_gate_is_shut(struct fuseline_machine *machine,
@@ -770,17 +778,18 @@ FUSELINE_CHECKED const char *fuseline_outcome_name(uint32_t outcome);
 FUSELINE_CHECKED const char *fuseline_reason_name(uint32_t reason);
 
 /**
- * Returns the number of bytes of storage, aligned to 64, that a machine for many threads takes in this
- * library, or 0 if the library does not hold the capacity.
+ * Returns the number of bytes of storage that a machine for many threads takes, or 0 if the
+ * library was not built for the capacity. The storage must be aligned to 64 bytes.
  */
 size_t fuseline_shared_bytes(uint32_t capacity);
 
 /**
- * Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64 bytes.
- * Otherwise it works as fuseline_init.
+ * Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64
+ * bytes. Otherwise it works as fuseline_init.
  *
- * One thread at a time opens and offers. Any thread gives results, failures and time, each for one message
- * id. Call no function of the machine before this one has returned, and none while or after it is ended.
+ * One thread at a time, the owner, opens and offers. Any thread reports results, failures and the
+ * passing of time, each for one message id. Call no function of the machine before this one has
+ * returned, and none while or after it is ended.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_init(void *storage,
@@ -794,8 +803,8 @@ fuseline_status fuseline_shared_init(void *storage,
 FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
 
 /**
- * Opens timestamp `t` because a message with it arrived (F1). Only the owner may call this. If the message
- * is accepted, `*message_id` identifies it; otherwise it identifies nothing.
+ * Opens timestamp `t`, because its message arrived (F1). Only the owner may call this. If the
+ * message is accepted, `*message_id` identifies it. Otherwise `*message_id` identifies nothing.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
@@ -805,7 +814,8 @@ fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
                                      struct fuseline_answer *answer);
 
 /**
- * Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1). Only the owner may call this.
+ * Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1). Only the owner may
+ * call this.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
@@ -816,9 +826,10 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             struct fuseline_answer *answer);
 
 /**
- * Asks whether the message may be sent to cloud `p` (F2). Only the owner may call this. `fired` receives the
- * timers of the message that were due first. In all functions with two answers, these must be two objects;
- * one object for both is FUSELINE_STATUS_OVERLAP.
+ * Asks whether the message may be sent to cloud `p`, which may take `deadline` nanoseconds (F2).
+ * `backlog` is the number of other requests in the cloud's outgoing queue. Only the owner may call
+ * this. `fired` receives the message's timers that were due by `now`. A function with two answers
+ * needs two objects for them; otherwise it returns FUSELINE_STATUS_OVERLAP.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
@@ -831,9 +842,10 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
                                       struct fuseline_answer *answer);
 
 /**
- * Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's timers
- * that were due by `now`, with several due instants as one firing. Of all callers exactly one gets
- * FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one caller gets each output, and one gets the end.
+ * Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's
+ * timers that were due by `now`, as one firing even if they had several due instants. If a message
+ * is forwarded, exactly one caller gets FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one
+ * caller gets each output, and exactly one gets the end.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
@@ -865,8 +877,8 @@ fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
                                        struct fuseline_answer *answer);
 
 /**
- * Writes the next due instant of this message's timers. Returns FUSELINE_STATUS_NONE if none is armed. Any
- * thread may call this.
+ * Writes the next due instant of this message's timers. Returns FUSELINE_STATUS_NONE if none is
+ * armed. Any thread may call this.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
@@ -878,14 +890,14 @@ fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
 #endif  // __cplusplus
 
 /*
- * The bytes of storage for a number of clouds and timestamps. These are more than a machine takes, so that it may change
- * within a version of the interface. fuseline_bytes returns how many it takes.
+ * The bytes of storage for a number of clouds and timestamps. A machine takes fewer, so that it may grow within a version
+ * of the interface. fuseline_bytes returns how many it takes.
  */
 #define FUSELINE_STORAGE_BYTES(clouds, window) \
   (FUSELINE_BYTES + (FUSELINE_BYTES_A_CLOUD * (clouds)) + \
    ((window) * (FUSELINE_BYTES_A_TIMESTAMP + (FUSELINE_BYTES_A_TIMER * (clouds)))))
 
-/* The number of a capacity of your own, for the configuration. The library must be built for exactly this capacity. */
+/* A capacity of your own, for the configuration. The library must be built for exactly this capacity. */
 #define FUSELINE_CAPACITY_OF(clouds, window) \
   ((FUSELINE_CAST(uint32_t, (clouds)) << 16) | FUSELINE_CAST(uint32_t, (window)))
 

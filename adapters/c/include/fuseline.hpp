@@ -59,8 +59,8 @@ using Nanoseconds = std::chrono::duration<std::uint64_t, std::nano>;  // the mac
 }  // namespace detail
 
 // The time that a request, or local, may take. Any std::chrono duration converts. A duration of 0 or less is
-// refused as `deadline`, and one that is too long becomes the longest. A plain number does not convert,
-// because it has no unit.
+// refused as `deadline`. A duration that is too long becomes the longest deadline. A plain number does not
+// convert, because it has no unit.
 class Deadline {
  public:
   template <class Rep, class Period>
@@ -72,8 +72,8 @@ class Deadline {
 };
 
 // A reading of your monotonic clock, in nanoseconds from any fixed start. A reading before the start becomes
-// 0, and one that is too late becomes the last instant. The difference of two instants is
-// std::chrono::nanoseconds, with a sign; it saturates.
+// 0, and a reading that is too late becomes the last instant. The difference of two instants is a
+// std::chrono::nanoseconds with a sign, which saturates.
 class Instant {
  public:
   constexpr Instant() noexcept = default;
@@ -139,9 +139,9 @@ using Status = fuseline_status;
 using Outcome = fuseline_outcome;
 using Reason = fuseline_reason;
 
-// The capacity of a machine, and its storage. A library that was not built for exactly this many clouds and
-// this window refuses to make the machine with FUSELINE_STATUS_CAPACITY. fuseline_capacity.hpp has a capacity
-// that is chosen at run time.
+// The capacity of a machine, and its storage. If the library was not built for exactly this many clouds and
+// this window, no machine is made, and the status is FUSELINE_STATUS_CAPACITY. The header
+// fuseline_capacity.hpp has a capacity that is chosen at run time.
 template <std::size_t Clouds, std::size_t Window>
 struct Capacity {
   static_assert(Clouds < FUSELINE_SOURCES, "a machine has at most 15 clouds");
@@ -174,15 +174,15 @@ using C15W1024 = Capacity<15, 1024>;
 template <std::size_t Clouds, std::size_t Window>
 using Own = Capacity<Clouds, Window>;
 
-// Configures one cloud. Its gate shuts at `limit` queued requests and opens at `resume`, which is limit - 1
-// unless given.
+// Configures one cloud. Its gate shuts at `limit` queued requests, and opens again at `resume` or fewer. By
+// default `resume` is limit - 1.
 struct Cloud {
   Priority priority;
   std::uint64_t limit = 1;
   std::optional<std::uint64_t> resume = std::nullopt;
 };
 
-// A set of priorities, ascending. It is a copy, which outlives the answer that it came from.
+// A set of priorities, in ascending order. It is a copy, so it may outlive its answer.
 class Priorities {
  public:
   class iterator {
@@ -252,9 +252,9 @@ class Firing : public Answer {
 
 // One operator's machine, with its storage. It cannot be moved.
 //
-// Each input first passes its firings to `fired`, a function of a const Firing&. It then returns its own
-// answer, or nothing if status() says that the machine could not be called. `greatest_deadline` is the
-// longest time that the system may wait for a message; a longer deadline is refused as `deadline`.
+// Each input first passes each firing to `fired`, as a const Firing&. It then returns its own answer,
+// or nothing if status() says that the machine could not be called. `greatest_deadline` is the longest
+// time that the system may wait for a message; a longer deadline is refused as `deadline`.
 //
 // If `fired` throws, its firing has happened but the input has not. Handle the firing, and call again.
 template <class Capacity = C3W16>
@@ -404,10 +404,10 @@ class Machine {
   Status status_ = FUSELINE_STATUS_NULL;
 };
 
-// Stores the values of held results: for each open timestamp the value of the best one, because only that can
-// be forwarded (P3). Pass it each answer and each firing; then a value that cannot be forwarded any more is
-// destroyed at once. It has a place for each timestamp of its machine, which is an argument so that the two
-// cannot differ.
+// Stores the value of the best held result of each open timestamp, because no other value can be forwarded
+// (P3). Pass it each answer and each firing. It then destroys each value as soon as that value cannot be
+// forwarded any more. It takes its machine as an argument, to have a place for each timestamp that the
+// machine may open.
 //
 // A value is destroyed while all others are in their places, so its destructor may call the owner of this
 // store. If the move of a value throws, only that value is lost, and lost() counts it if it was to be sent.
@@ -443,7 +443,8 @@ class Held {
   }
 
   // Returns the number of values that found no place, or were missing when they were to be sent. It is not 0
-  // if an answer or a firing was not passed, one of another machine was passed, or the move of a value threw.
+  // if an answer or a firing was not passed, if another machine's was passed, or if the move of a value
+  // threw.
   std::size_t lost() const noexcept { return lost_; }
 
   std::size_t size() const noexcept {
@@ -540,18 +541,19 @@ class Held {
   std::size_t lost_ = 0;
 };
 
-// Has the functions that an operator's sink may omit. Derive from it. The sink must have two functions,
-// or its operator does not compile:
+// The base of an operator's sink, with the functions that a sink may omit. Derive from it. The sink
+// must have two functions, or its operator does not compile:
 //
 //     void forward(Timestamp, Priority, Value);  // the last or only output of a message: send it
 //     void miss(Timestamp);                      // the message has no output
 //
-// Each message leads to one call of one of the two. Name the sink's own type in the operator, because nothing
-// here is virtual. The base of a sink is refused, except in two cases: it has virtual functions, or it has
-// the two functions itself and the operator never saw the derived type.
+// Each accepted message leads to exactly one call of one of the two; under Commit::progressive, `final` may
+// take that call's place. Name the sink's own type in the operator, because nothing here is virtual. A base
+// of the sink does not compile, except in two cases: it has virtual functions, or it has the two functions
+// itself and the operator never saw the derived type.
 //
-// Under Commit::progressive a sink needs two more functions. Without them the operator is not made:
-// FUSELINE_STATUS_COMMIT.
+// Under Commit::progressive a sink needs two more functions. Without them no operator is made, and
+// the status is FUSELINE_STATUS_COMMIT.
 //
 //     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow
 //     void final(Timestamp, Priority);               // the last value that was sent is final
@@ -599,19 +601,19 @@ struct SinkFailures {
 // An operator for one thread: the machine, the values of held results, a clock, and a sink for outputs.
 //
 // Each function reads the clock, passes what is due to the sink, and then does its own work. Wake up at
-// next_due() and tick. The sink hears nothing of a message whose open is refused, so the caller must report
-// it.
+// next_due() and tick. The sink is not called for a message whose open is refused, so the caller must
+// report that message.
 //
-// An exception of the sink stops nothing: everything that was due is done, and so is the input itself, and
-// the sink's other functions are called. The end of result, fail or tick then throws the first exception
-// since then. If a sink or a destructor called the operator, the outermost call throws. Open and offer do not
-// throw it, because their answer would be lost; the next result, fail or tick does. sink_failures() counts
-// each exception at once. The clock is read before anything is done. If it throws, the value that was passed
-// to result is lost.
+// An exception of the sink stops nothing. The operator still does everything that is due, applies the input,
+// and calls the sink's other functions. When result, fail or tick ends, it throws the first of the
+// exceptions. If a sink or a destructor called the operator, the outermost call throws. Open and offer do not
+// throw it, because their answer would be lost. The next result, fail or tick throws it. sink_failures()
+// counts each exception at once. The clock is read before anything is done. If it throws, the value that was
+// passed to result is lost.
 //
-// The destructor ends the machine first: what a destructor of a held value reports then is refused with
-// FUSELINE_STATUS_FOREIGN. An operator that is destroyed within a call of its own, for example by its sink,
-// ends the program by std::terminate.
+// The destructor ends the machine first. If the destructor of a held value then calls the operator, the
+// status is FUSELINE_STATUS_FOREIGN. An operator that is destroyed within a call of its own, for example by
+// its sink, ends the program by std::terminate.
 //
 // `Clock` is a type of steady clock. If its now() is not static, pass a clock object after the clouds; it
 // must live longer than the operator. fuseline_clock.hpp has two such clocks.
@@ -654,7 +656,7 @@ class Operator {
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
 
-  // Opens a message. Unless it is refused, compute it on board and offer it to the clouds.
+  // Opens a message. If it is accepted, compute it on board and offer it to the clouds.
   [[nodiscard]] Decision open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
     const Call call(calls_);
     const Decision answer = machine_.open(now(), t, limit, fired());
@@ -689,9 +691,9 @@ class Operator {
     return concluded([&] { return machine_.tick(now(), fired()); }, [](const Answer&) {}).has_value();
   }
 
-  // Ends the open messages, the oldest first: everything pending fails, so each message is forwarded with its
-  // best available result, or missed. The operator can still be used afterwards. Returns false if the machine
-  // could not be called.
+  // Ends the open messages, the oldest first. Everything pending fails, so each message is forwarded with its
+  // best available result, or missed; under Commit::progressive its last output becomes final. The operator
+  // can still be used afterwards. Returns false if the machine could not be called.
   bool drain() {
     return concluded(
                [&] {
@@ -782,8 +784,8 @@ class Operator {
     };
   }
 
-  // Runs an input and what follows from its answer. Then throws what a sink threw, unless another call is
-  // under way.
+  // Runs an input and what follows from its answer. Then throws the first exception of the sink, unless
+  // another call is under way.
   template <class Ask, class Follow>
   std::optional<Answer> concluded(Ask ask, Follow follow) {
     std::optional<Answer> answer;

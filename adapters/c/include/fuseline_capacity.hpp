@@ -3,7 +3,7 @@
 //   std::vector<fuseline::Cloud> clouds = /* from a file */;
 //   fuseline::Operator<Boxes, Planner, fuseline::AnyCapacity> op(planner, window, Commit::eager, 1s, clouds.data(), clouds.size());
 //
-// It allocates when an operator or a machine is made, unlike fuseline.hpp, and not afterwards.
+// Unlike fuseline.hpp it allocates, but only when an operator or a machine is made.
 
 #ifndef FUSELINE_CAPACITY_HPP
 #define FUSELINE_CAPACITY_HPP
@@ -15,7 +15,7 @@
 namespace fuseline {
 
 // The smallest capacity of the library that has room for a machine's clouds and window. If there is none, no
-// machine is made: FUSELINE_STATUS_CAPACITY.
+// machine is made, and the status is FUSELINE_STATUS_CAPACITY.
 struct AnyCapacity {
   class Storage {
    public:

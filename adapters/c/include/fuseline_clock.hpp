@@ -14,12 +14,12 @@
 
 namespace fuseline {
 
-// A clock of yours, such as simulated time or a synchronised clock. `read` returns how long it has run, as a
-// std::chrono duration that counts in 64 bits. A reading before its start becomes 0.
+// A clock of your own, such as simulated time or a synchronised clock. `read` returns how long it has run,
+// as a std::chrono duration that counts in 64 bits. A reading before its start becomes 0.
 //
-// A reading that is earlier than a previous one is replaced by that one, and counted. No timer fires until
-// the clock has caught up. If it was set back by more than a deadline, for example when a recording starts
-// again, make a new operator.
+// If a reading is earlier than a previous one, the clock returns the previous one instead, and counts
+// that. No timer fires until the clock has caught up. If the clock was set back by more than a deadline,
+// for example when a recording starts again, make a new operator.
 template <class Read>
 class ReadClock {
   template <class>

@@ -1,7 +1,9 @@
-// Joins for C++17, header only, without the library: gives messages of several inputs that share a key together (E5, E6, E8).
+// Joins for C++17, header only, without the library. A join collects messages of several inputs that share a key into a
+// set (E5, E6, E8).
 //
-// A join resembles the synchronizers of message_filters, but it bounds the wait and reports drops, so a dead sensor delays
-// nothing for longer. It serves one thread. Time is an argument: call tick() at next_due(), for example by a timer of rclcpp.
+// A join resembles the synchronizers of message_filters, but it bounds the wait and reports drops, so a dead sensor
+// delays a set only by that bound. It serves one thread. Time is an argument: call tick() at next_due(), for example
+// from a timer of rclcpp.
 
 #ifndef FUSELINE_JOIN_HPP
 #define FUSELINE_JOIN_HPP
@@ -21,11 +23,11 @@
 
 namespace fuseline {
 
-// The reason why a set was given: every input is there, its wait ended, or there was no room for a new one.
+// The reason why a set was given: every input is there, its wait ended, or another set needed its room.
 enum class JoinCause { complete, due, full };
 
-// The reason why a message was not joined: its set was already given, or is older than the last 1,024 sets;
-// its input's message is already there; or its pointer is null.
+// The reason why a message was not joined. `late`: its set was already given, or is older than the last
+// 1,024 sets. `duplicate`: its input's message is already in the set. `null`: its pointer is null.
 enum class JoinDropReason { late, duplicate, null };
 
 // A set. The pointer of an input that contributed no message is null.
@@ -51,12 +53,12 @@ class Join {
   template <std::size_t Input>
   using Message = std::tuple_element_t<Input, std::tuple<Messages...>>;
 
-  // Creates a join whose sets wait for `wait` after their first message. If there are more than `window`
-  // sets, which is at least 1, the oldest is given incomplete.
+  // Creates a join whose sets wait for `wait` after their first message. At most `window` sets (at
+  // least 1) may wait. If another set begins, the oldest is given incomplete.
   //
-  // Callbacks may call the join, and may throw: sets that are due are still given, and the message that came
-  // is still joined. Then the outermost call throws the first exception. Without `on_drop`, drops are only
-  // counted.
+  // Callbacks may call the join, and may throw. The sets that are due are still given, and the message that
+  // came is still joined. Then the outermost call throws the first exception. Without `on_drop`, drops are
+  // only counted.
   Join(std::chrono::nanoseconds wait, std::size_t window, std::function<void(const Set&)> on_set,
        std::function<void(const JoinDrop&)> on_drop)
       : wait_(wait), window_(std::max<std::size_t>(window, 1)), on_set_(std::move(on_set)), on_drop_(std::move(on_drop)) {}
@@ -68,7 +70,7 @@ class Join {
   Join(const Join&) = delete;
   Join& operator=(const Join&) = delete;
 
-  // Adds a message. The key is what the messages of one set share, such as their stamp.
+  // Adds a message. The messages of one set share a key, such as their stamp.
   template <std::size_t Input>
   void arrive(Instant now, std::uint64_t key, std::shared_ptr<const Message<Input>> message) {
     call([&] { take<Input>(now, key, std::move(message)); });

@@ -20,7 +20,7 @@
 namespace fuseline {
 
 // A machine that records its inputs and decisions in the order of the decisions. If a sink calls the
-// operator, that input comes first.
+// operator, that call's input comes first.
 template <class Capacity = C3W16>
 class RecordedMachine : public Machine<Capacity> {
   using Base = Machine<Capacity>;
@@ -42,8 +42,8 @@ class RecordedMachine : public Machine<Capacity> {
   }
 
   // Begins the trace. `write` takes one line after the other, and returns false if it could not write it.
-  // Returns false, and there is no trace, if the machine was not made, already had an input, or `write`
-  // fails.
+  // Returns false, and records nothing, if the machine was not made or already had an input, or if
+  // `write` fails.
   [[nodiscard]] bool record(std::function<bool(std::string_view)> write) {
     if (!*this || is_used_ || write_) return false;
     write_ = std::move(write);
@@ -52,7 +52,8 @@ class RecordedMachine : public Machine<Capacity> {
     return is_recording();
   }
 
-  // Returns true if every line so far was written. The trace ends at the first line that was not.
+  // Returns true if every line so far was written. The trace ends at the first line that was not
+  // written.
   bool is_recording() const noexcept { return write_ && !is_ended_; }
 
   template <class Fired>
@@ -108,8 +109,8 @@ class RecordedMachine : public Machine<Capacity> {
   }
 
  private:
-  // Records a firing as the consequence of a tick before `fired` is called, because a call from within may
-  // decide before the input.
+  // Records a firing as the consequence of a tick, before `fired` is called: a call from within `fired`
+  // may decide before the input.
   template <class Fired>
   auto passing(Fired& fired) {
     is_used_ = true;
@@ -157,7 +158,7 @@ class RecordedMachine : public Machine<Capacity> {
     }
   }
 
-  // Records the output with what its value was said to be meant for.
+  // Records an output with the message that its value is meant for, if the reply named one.
   void emit(const Answer& answer) {
     const Priority source = answer.by();
     begin("emit", answer, &source);

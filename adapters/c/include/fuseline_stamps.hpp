@@ -1,4 +1,5 @@
-// Timestamps for the stamps of a sensor, for C++17, header only: which message a reply with a copied stamp answers.
+// Maps a sensor's stamps to timestamps, so that a reply with a copied stamp finds its message. For C++17, header
+// only.
 
 #ifndef FUSELINE_STAMPS_HPP
 #define FUSELINE_STAMPS_HPP
@@ -12,9 +13,9 @@
 
 namespace fuseline {
 
-// A bounded map from stamps to timestamps, without allocation. The message of a stamp that occurred among the
-// last `Remembered` is refused: a reply with that stamp could otherwise get another message's place. This
-// happens with a driver that leaves every stamp 0, or with a recording that is played twice.
+// A bounded map from stamps to timestamps, which allocates nothing. It refuses a stamp that is among the last
+// `Remembered`, because a reply with that stamp could belong to either message. Stamps repeat if a driver
+// leaves every stamp 0, or if a recording is played twice.
 template <class Stamp, std::size_t Remembered = 1024>
 class Stamps {
   static_assert(Remembered > 0, "stamps are remembered");

@@ -1,8 +1,8 @@
 //! The exported functions for the machine of one thread.
 //!
 //! Each one answers a wrong pointer, a wrong machine and a call from within another call with a
-//! status, and then changes nothing. Their documentation becomes that of `include/fuseline.h`,
-//! which is generated from it.
+//! status, and then changes nothing. `include/fuseline.h` is generated from these functions and
+//! their documentation.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
@@ -48,17 +48,17 @@ pub extern "C" fn fuseline_version() -> *const c_char {
     names::VERSION.as_ptr()
 }
 
-/// Returns the capacity that the library was built for beside the named ones, or 0 if there is
-/// none.
+/// Returns the capacity that the library was built for in addition to the named ones, or 0 if there
+/// is none.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_own_capacity() -> u32 {
     storage::OWN_CAPACITY
 }
 
 /// Returns a deadline of `count` units of `unit` nanoseconds each, as in
-/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which is refused, if it
-/// is negative, and UINT64_MAX, which is above every greatest deadline but itself, if it does not
-/// fit.
+/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which every machine
+/// refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit; a machine
+/// refuses that unless it is its greatest deadline.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
@@ -76,15 +76,15 @@ pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
     })
 }
 
-/// Returns the number of bytes of storage that a capacity takes in this library, or 0 if the
-/// library does not hold it.
+/// Returns the number of bytes of storage that a machine of this capacity takes, or 0 if the
+/// library was not built for the capacity.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_bytes(capacity: u32) -> usize {
     storage::bytes(capacity)
 }
 
-/// Makes a machine in `storage`, which has `bytes` bytes, is aligned as a uint64_t, and belongs to
-/// the machine until fuseline_end.
+/// Makes a machine in `storage`. The storage has `bytes` bytes, is aligned as a uint64_t, and
+/// belongs to the machine until fuseline_end.
 ///
 /// The storage is not read, so a machine that is already there is lost. Nothing is written unless
 /// the call succeeds; then `*machine` is the argument of the other functions. The machine must stay
@@ -116,7 +116,7 @@ pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
     }
 }
 
-/// Opens timestamp `t` because a message with it arrived (F1).
+/// Opens timestamp `t`, because its message arrived (F1). Local may take any time.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_open(
@@ -183,7 +183,7 @@ pub unsafe extern "C" fn fuseline_fail(
     call!(machine, answer, fail(now, t, p))
 }
 
-/// Lets time pass (F0). Call it at the next due instant; further calls are allowed at any time
+/// Lets time pass (F0). Call it at the next due instant. You may also call it at any other time
 /// (P10).
 #[must_use]
 #[unsafe(no_mangle)]

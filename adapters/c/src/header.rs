@@ -1,5 +1,5 @@
-//! The head of every storage. Each call checks by it that a pointer is a live machine of the right
-//! kind, before it reads more.
+//! The head of every storage. Before a call reads anything else, it checks here that the pointer is
+//! to a live machine of the right kind.
 //!
 //! This module also checks configurations, which both kinds of machine share.
 
@@ -106,8 +106,8 @@ impl StorageHeader {
         self.state.load(Ordering::Acquire)
     }
 
-    /// Returns the status for a machine whose [`idle_capacity`](Self::idle_capacity) the library
-    /// does not hold.
+    /// Returns the status for a machine whose [`idle_capacity`](Self::idle_capacity) is not a
+    /// capacity of the library.
     #[cold]
     pub(crate) fn refusal(&self) -> CStatus {
         if self.idle_capacity() & BUSY == 0 { CStatus::Foreign } else { CStatus::Busy }
@@ -173,9 +173,8 @@ pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// Returns the configuration and the clouds that an init of either kind was given, if these, the
-/// storage and the place for the machine's pointer are valid. `needed` returns the bytes that a
-/// capacity takes, or 0 if the library does not hold it.
+/// Checks the arguments of an init of either kind, and returns its configuration and clouds.
+/// `needed` returns the bytes that a capacity takes, or 0 if the library was not built for it.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names.

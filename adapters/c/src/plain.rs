@@ -47,7 +47,7 @@ pub enum CStatus {
     Busy = 21,
     /// The header has another version than the library.
     Abi = 22,
-    /// The library does not hold a machine of exactly this many clouds and this window.
+    /// The library was not built for exactly this number of clouds and this window.
     Capacity = 23,
     /// There is no such commit rule.
     Commit = 24,
@@ -67,9 +67,9 @@ pub enum CStatus {
     MessageId = 31,
 }
 
-/// The capacity of a machine: 65536 times the clouds, plus the open timestamps
-/// (FUSELINE_CAPACITY_OF). A library may hold one more, that of FUSELINE_OWN_CLOUDS and
-/// FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
+/// The capacity of a machine: 65536 times the number of clouds, plus the number of open timestamps
+/// (FUSELINE_CAPACITY_OF). A library may be built for one more capacity, with FUSELINE_OWN_CLOUDS
+/// and FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCapacity {
@@ -192,23 +192,24 @@ pub struct CCloud {
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CConfig {
-    /// FUSELINE_ABI.
+    /// Must be FUSELINE_ABI.
     pub abi: u32,
-    /// FUSELINE_LAYOUT.
+    /// Must be FUSELINE_LAYOUT.
     pub layout: u32,
-    /// A fuseline_capacity, or a FUSELINE_CAPACITY_OF.
+    /// The capacity: a fuseline_capacity, or a value of FUSELINE_CAPACITY_OF.
     pub capacity: u32,
-    /// A fuseline_commit.
+    /// The commit rule: a fuseline_commit.
     pub commit: u32,
     /// The greatest number of timestamps that may be open at once, from 1 to the capacity's.
     pub window: u32,
     /// The number of clouds, from 0 to the capacity's.
     pub clouds_len: u32,
-    /// The clouds in any order. It may be null if there is none. It is not used after the call.
+    /// The clouds in any order. The pointer may be null if there are none, and is not used after
+    /// the call.
     pub clouds: *const CCloud,
     /// The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait
-    /// for a message. A longer deadline is refused as FUSELINE_REASON_DEADLINE, and so is a
-    /// negative one, which is huge without its sign.
+    /// for a message. A longer deadline is refused as FUSELINE_REASON_DEADLINE. So is a negative
+    /// number, because it is huge without its sign.
     pub greatest_deadline: u64,
 }
 
@@ -279,7 +280,7 @@ pub struct CMessage {
     pub armed: u32,
     /// The sources whose result is held; under progressive, the source of the last output.
     pub cached: u32,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
 }
 
@@ -288,7 +289,7 @@ pub struct CMessage {
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CMessageId {
-    /// Opaque.
+    /// Opaque: do not read or change it.
     pub opaque: [u64; 3],
 }
 

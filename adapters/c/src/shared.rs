@@ -12,8 +12,8 @@ use crate::header::{StorageHeader, answer_target};
 use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
 use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
-/// Returns the number of bytes of storage, aligned to 64, that a machine for many threads takes in
-/// this library, or 0 if the library does not hold the capacity.
+/// Returns the number of bytes of storage that a machine for many threads takes, or 0 if the
+/// library was not built for the capacity. The storage must be aligned to 64 bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
     shared_storage::bytes(capacity)
@@ -22,9 +22,9 @@ pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
 /// Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64
 /// bytes. Otherwise it works as fuseline_init.
 ///
-/// One thread at a time opens and offers. Any thread gives results, failures and time, each for one
-/// message id. Call no function of the machine before this one has returned, and none while or
-/// after it is ended.
+/// One thread at a time, the owner, opens and offers. Any thread reports results, failures and the
+/// passing of time, each for one message id. Call no function of the machine before this one has
+/// returned, and none while or after it is ended.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_init(
@@ -53,8 +53,8 @@ pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     CStatus::Done
 }
 
-/// Opens timestamp `t` because a message with it arrived (F1). Only the owner may call this. If the
-/// message is accepted, `*message_id` identifies it; otherwise it identifies nothing.
+/// Opens timestamp `t`, because its message arrived (F1). Only the owner may call this. If the
+/// message is accepted, `*message_id` identifies it. Otherwise `*message_id` identifies nothing.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open(
@@ -84,9 +84,10 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
-/// Asks whether the message may be sent to cloud `p` (F2). Only the owner may call this. `fired`
-/// receives the timers of the message that were due first. In all functions with two answers, these
-/// must be two objects; one object for both is FUSELINE_STATUS_OVERLAP.
+/// Asks whether the message may be sent to cloud `p`, which may take `deadline` nanoseconds (F2).
+/// `backlog` is the number of other requests in the cloud's outgoing queue. Only the owner may call
+/// this. `fired` receives the message's timers that were due by `now`. A function with two answers
+/// needs two objects for them; otherwise it returns FUSELINE_STATUS_OVERLAP.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_offer(
@@ -118,9 +119,9 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 }
 
 /// Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's
-/// timers that were due by `now`, with several due instants as one firing. Of all callers exactly
-/// one gets FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one caller gets each output, and
-/// one gets the end.
+/// timers that were due by `now`, as one firing even if they had several due instants. If a message
+/// is forwarded, exactly one caller gets FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one
+/// caller gets each output, and exactly one gets the end.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_result(

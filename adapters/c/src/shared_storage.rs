@@ -185,8 +185,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     }
 }
 
-/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not
-/// hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library was not
+/// built for it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = SharedStorage => size_of::<R>(), else 0)
 }
@@ -290,9 +290,9 @@ pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<Mes
 /// A number greater than the slots of any machine.
 const PLACES: u64 = 2048;
 
-/// Returns the number that stands for a machine's first index. It is not 0, and it is far from any
-/// other machine's number, because each machine is aligned to 64 bytes and no address uses its
-/// upper 5 bits.
+/// Returns the number that stands for a machine's first index. It is not 0. It is far from any
+/// other machine's number, because machines are aligned to 64 bytes and no address uses its upper 5
+/// bits.
 fn first_index(machine: *mut CShared) -> u64 {
     (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)
 }

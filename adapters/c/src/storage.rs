@@ -59,8 +59,8 @@ const fn reserved(clouds: usize, window: usize) -> usize {
         .wrapping_add(window.wrapping_mul(a_timestamp))
 }
 
-/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or returns `$otherwise` if the
-/// library does not hold it.
+/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`. Returns `$otherwise` if the
+/// library was not built for that capacity.
 macro_rules! with_room {
     ($number:expr, $Storage:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
         match $number {
@@ -303,8 +303,8 @@ fn fire_or<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not
-/// hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library was not
+/// built for it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = Storage => size_of::<R>(), else 0)
 }
