@@ -52,7 +52,7 @@ pub struct RuleDecision {
     pub reasons: HoldingReasons,
 }
 
-/// The reasons that hold for an input, even those after the one that decides.
+/// All reasons that hold for an input. The first of them decides.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum HoldingReasons {
     /// A tick has no reasons.

@@ -154,7 +154,7 @@ impl Coverage {
         self.0.contains_key(&mark)
     }
 
-    /// Returns those of `marks` that were not reached.
+    /// Returns the given marks that were not reached.
     #[must_use]
     pub fn missing(&self, mut marks: Vec<Mark>) -> Vec<Mark> {
         marks.retain(|mark| !self.has(*mark));

@@ -3,10 +3,10 @@
 use fuseline_traces::{Commit, Decision};
 
 /// Returns the decisions that progressive and patient must share (P13), from decisions made under
-/// `commit`: refusals of opens and offers, requests, and the ends of timestamps, each with its last
-/// source.
+/// `commit`. They are refusals of opens and offers, requests, and the ends of timestamps, each with
+/// its last source.
 ///
-/// A progressive and a patient machine that take the same inputs have the same such decisions after
+/// If a progressive and a patient machine take the same inputs, these decisions are the same after
 /// each input.
 #[must_use]
 pub fn admissions_and_ends<'a>(

@@ -74,8 +74,9 @@ impl History {
 
     /// Forgets each due instant that no longer matters.
     ///
-    /// These are those of timers that are not live. The latest of all and the latest of a request
-    /// are kept while they lie after `now` and after every live one of their kind.
+    /// It forgets the due instants of timers that are not live. Two of them stay: the latest of
+    /// all, and the latest of a request. Each stays while it lies after `now` and after every live
+    /// due instant of its kind.
     pub fn forget(&mut self, now: u64) {
         let (mut latest, mut of_requests) = (self.latest, self.latest_request);
         for source in self.sources.iter_mut().filter(|source| !source.is_armed) {

@@ -63,9 +63,9 @@ pub struct Ledger {
 impl Ledger {
     /// Records an input, and returns the promises that the machine violated.
     ///
-    /// `fired` are the decisions of timers before the input, `own` are those about the input, and
-    /// `next_due` is the machine's next due instant afterwards, in ns. After the first violation
-    /// further ones mean little.
+    /// `fired` has the decisions of timers before the input, and `own` the decisions about the
+    /// input. `next_due` is the machine's next due instant afterwards, in ns. Violations after the
+    /// first one mean little.
     pub fn enter<'a>(
         &mut self,
         terms: OperatorConfig<'_>,
@@ -494,8 +494,8 @@ const fn is_refused_or_dropped(decision: &Decision) -> bool {
     )
 }
 
-/// Splits the decisions after an input into those of timers before it and those about the input
-/// itself.
+/// Splits the decisions after an input into the decisions of timers before it and the decisions
+/// about the input itself.
 #[must_use]
 pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &'a [Decision]) {
     // Under progressive a result's emit may be followed by its cancels and a final (F9).

@@ -323,7 +323,7 @@ fn find_network(
     })
 }
 
-/// Returns the columns of the link's rates beside that of a network's round trips.
+/// Returns the columns of the link's rates that belong to this column of round trips.
 fn find_rates(round_trip: &str, columns: &csv::StringRecord) -> [Option<usize>; 2] {
     let prefix = round_trip.strip_suffix("rtt_ms").unwrap_or_default();
     ["uplink_mbps", "downlink_mbps"]

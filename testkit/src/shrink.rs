@@ -44,7 +44,7 @@ pub type Simplification<T> = Box<dyn Fn(&mut T)>;
 /// repeats both until no single step can be removed and no simplification is possible. No
 /// simplification may undo another one, or the search never ends.
 ///
-/// `fails` may give up at some point: it then returns `false` from there on.
+/// `fails` may give up at some point, and must then return `false` from there on.
 ///
 /// ```
 /// let fails = |steps: &Vec<u8>| Ok::<_, ()>(steps.contains(&7));

@@ -1,8 +1,8 @@
 //! The second generator: runs at many scales of time, with long chains, full windows and numbers
 //! that alias.
 //!
-//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what an
-//! implementation in another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers
+//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what
+//! implementations in other languages get wrong: clocks of 32 bits, rounded milliseconds, numbers
 //! in a double, sets of a fixed size, and state that outlives its run.
 
 use fuseline_traces::{Commit, Header, Input};

@@ -1,5 +1,5 @@
-//! The keys of a line that no rule of the machine reads: the message of a value, the number of an
-//! attempt, and a message's own deadline and origin.
+//! The keys of a line that no rule of the machine reads. They name the message of a value, the
+//! number of an attempt, and a message's own deadline and origin.
 //!
 //! The judges also read these keys, and a replay copies the keys of a result to its emit. An input
 //! means the same to the machine with and without them.
@@ -52,8 +52,8 @@ pub struct Origin {
 pub struct HeaderAnnotations {
     /// `"local":"none"`, in observed traces: the operator has no local computation.
     pub without_local: bool,
-    /// `max_age` of clouds by their priority: a value may be of at most this many timestamps before
-    /// its own. For other clouds it is 0.
+    /// `max_age` of clouds by their priority: the number of timestamps by which a value may be
+    /// older than its message. For other clouds it is 0.
     pub max_ages: BTreeMap<u64, u64>,
 }
 
@@ -88,8 +88,8 @@ impl Annotations {
         ValueKeys { of: self.of, meant_for: self.meant_for }
     }
 
-    /// Returns the instant in ns by which the message that is opened at `at` must have its output,
-    /// if it has a deadline of its own (J2).
+    /// Returns the instant, in ns, at which the own deadline of a message that is opened at `at` is
+    /// due (J2). Returns `None` if the message has no deadline of its own.
     #[must_use]
     pub fn due(&self, at: u64) -> Option<u64> {
         let due = u128::from(at) + u128::from(self.within?);
@@ -119,7 +119,8 @@ impl HeaderAnnotations {
         !self.without_local && self.max_ages.is_empty()
     }
 
-    /// Returns the first and the last timestamp of which source `p` may send a value for `t` (D2).
+    /// Returns the first and the last timestamp that a value of source `p` for `t` may be computed
+    /// from (D2).
     #[must_use]
     pub fn values_of(&self, t: u64, p: u64) -> (u64, u64) {
         (t.saturating_sub(self.max_ages.get(&p).copied().unwrap_or(0)), t)

@@ -1,6 +1,6 @@
 //! A reference machine for the judge's fast path. Each of its sets is a word of bits.
 //!
-//! It decides as [`Reference`](crate::Reference) does, by the same rules in the same order; tests
+//! It decides as [`Reference`](crate::Reference) does, by the same rules in the same order. Tests
 //! compare the two on every file of the corpus and on random runs. It shares no code with the
 //! machine that ships.
 

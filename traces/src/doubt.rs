@@ -146,8 +146,8 @@ impl Doubt {
         (judged == 0).then(|| Self::new(DoubtKind::Unjudged, 1, found()))
     }
 
-    /// Returns the same doubt about those of its messages that are wanted, or `None` if none of
-    /// them is.
+    /// Returns this doubt about the wanted messages only, or `None` if none of its messages is
+    /// wanted. A doubt about the whole trace stays as it is.
     #[must_use]
     pub fn of_messages(&self, is_wanted: impl Fn(u64) -> bool) -> Option<Self> {
         if self.messages.is_empty() {

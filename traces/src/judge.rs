@@ -115,7 +115,8 @@ impl Judge {
         }
     }
 
-    /// Takes the listed violations out of the verdict, so that it lists as many again.
+    /// Removes the listed violations from the verdict and returns them. The verdict then lists up
+    /// to 100 further ones.
     #[must_use]
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.verdict.violations)
@@ -141,8 +142,8 @@ impl Judge {
         self.in_doubt(unanswered, DoubtKind::Unanswered)
     }
 
-    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire at
-    /// its due instant (A44). Returns the verdict.
+    /// Ends the trace of a run that is known to have ended, and returns the verdict. Each timer
+    /// that is left should have fired at its due instant (A44).
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.close("no decision; the trace ends");
@@ -216,7 +217,7 @@ impl Judge {
         self.differ(Some(*found), demand, lack);
     }
 
-    /// Checks the value of an emit: it repeats the keys of the result that it sends, is not too
+    /// Checks the value of an emit. It repeats the keys of the result that it sends, is not too
     /// old, and is meant for this timestamp (D2, D18).
     fn compare_value(&mut self, found: &Decision, value: ValueKeys) {
         let Decision::Emit { t, p, .. } = *found else { return };

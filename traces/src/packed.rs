@@ -25,8 +25,8 @@
 //!
 //! In an MCAP file, the messages of the topic `/fuseline/trace` are the lines. They are rewritten
 //! in the form of a trace, so their verdict is the same as after `fuseline convert`. A length that
-//! a file claims takes no memory before its bytes arrive, except that a record in an lz4 chunk
-//! takes what it claims at once. Every record beyond 40 MiB is refused.
+//! a file claims takes no memory before its bytes arrive. A record in an lz4 chunk is the
+//! exception: it takes the memory that it claims at once. Every record beyond 40 MiB is refused.
 //!
 //! Without the feature `packed` only gzip is unpacked.
 //!

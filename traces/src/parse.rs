@@ -78,7 +78,7 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
 /// Parses a line like [`parse`], and returns its further keys too.
 ///
 /// # Errors
-/// Whatever the format does not allow, with its column.
+/// Returns a [`ParseError`] with its column for whatever the format does not allow.
 pub fn parse_annotated(line: &[u8]) -> Result<(Line, Annotations), ParseError> {
     let mut annotations = LineAnnotations::default();
     let read = match parse_canonical(line, Form::Strict, &mut StampBefore::default()) {
@@ -271,8 +271,8 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// Returns the kind of the line, if its keys are those of such a line. `end` is where its
-    /// object ends.
+    /// Returns the kind of the line. Returns an error if that kind may not have the line's keys.
+    /// `end` is where its object ends.
     fn kind(&self, end: usize, form: Form) -> Result<LineKind, ParseError> {
         let header = self.seen.contains(Key::Fuseline);
         let kind = if header { Some(LineKind::Header) } else { self.kind };

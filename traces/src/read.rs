@@ -124,7 +124,8 @@ impl<R: BufRead> Events<R> {
     /// Returns the next event, or `None` at the end.
     ///
     /// # Errors
-    /// Returns a [`ReadError`] if a trace may not have such a line there.
+    /// Returns a [`ReadError`] if the line cannot be read, or if a trace may not have it at this
+    /// place.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
         let whole = match self.inner.fill_buf() {
             Ok(bytes) => {

@@ -33,12 +33,12 @@ pub struct Recording {
 
 /// Writes one operator's trace to a file while it runs, under the file's own name from the start.
 ///
-/// Lines are gathered and written between two inputs. So even a process that is killed leaves a
-/// trace that ends with all decisions of an input, unless it was killed in the middle of a write.
-/// Dropping the recorder writes what is gathered, even in a panic.
+/// Lines are gathered and written between two inputs. So a process that is killed leaves a trace
+/// that ends with all decisions of an input, unless it is killed in the middle of a write. Dropping
+/// the recorder writes what is gathered, even in a panic.
 ///
-/// A recorder never stops its operator. After the first error it records nothing more, and it cuts
-/// off what was partly written, so that the trace ends with all decisions of an input.
+/// A recorder never stops its operator. After the first error it records nothing more. It cuts off
+/// what was partly written, so that the trace ends with all decisions of an input.
 /// [`error`](Self::error) and [`finish`](Self::finish) report the error.
 ///
 /// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once

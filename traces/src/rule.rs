@@ -7,55 +7,56 @@ use serde::{Serialize, Serializer};
 /// A rule or promise of SPEC.md.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Rule {
-    /// Time.
+    /// F0, time: due timers fire before the input, and the clock never goes back.
     F0,
-    /// Open.
+    /// F1, open: accepts or refuses a message.
     F1,
-    /// Offer.
+    /// F2, offer: admits or refuses a request.
     F2,
-    /// Gate.
+    /// F2g, gate: admits requests by the length of a cloud's queue.
     F2g,
-    /// Result.
+    /// F3, result: forwards, holds or drops a result.
     F3,
-    /// Fail.
+    /// F4, fail: closes the request of a source that has no result.
     F4,
-    /// Expire.
+    /// F5, expire: fires timers at their due instants.
     F5,
-    /// Settle.
+    /// F6, settle: forwards, misses or waits after a failure or a timer.
     F6,
-    /// Forward.
+    /// F7, forward: retires a timestamp, and cancels its pending clouds.
     F7,
-    /// Progressive.
+    /// F9, progressive: forwards each better result at once.
     F9,
-    /// Once.
+    /// P1, once: a timestamp is not forwarded twice, nor both forwarded and missed.
     P1,
-    /// Its own value.
+    /// D2, its own value: a value was computed from its message, or from one within `max_age`.
     D2,
-    /// Meant for its message.
+    /// D18, meant for its message: a value is meant for the timestamp that it is sent for.
     D18,
-    /// Never late.
+    /// P2, never late: a forwarded result arrived before its due instant.
     P2,
-    /// Best available.
+    /// P3, best available: a forwarded result outranks every other available one.
     P3,
-    /// Prompt.
+    /// P4, prompt: a result is held only while a better source is pending.
     P4,
-    /// Local floor.
+    /// P5, local floor: local's accepted result has its timestamp forwarded by the latest due
+    /// instant.
     P5,
-    /// Free without cloud.
+    /// P6, free without cloud: without a request, local's result is forwarded at once.
     P6,
-    /// No stall.
+    /// P7, no stall: an open timestamp waits for local or for a timer.
     P7,
-    /// Bounded.
+    /// P9, bounded: no more timestamps are open than the window allows.
     P9,
-    /// No gap between opens.
+    /// J1, no gap: opens follow each other within the period.
     J1,
-    /// In time for the message.
+    /// J2, in time: a message has its output by its own deadline.
     J2,
 }
 
 impl Rule {
-    /// All rules that a violation of a strict trace can name. Those of an observed trace can name
-    /// the others too.
+    /// All rules that a violation of a strict trace can name. Violations of an observed trace can
+    /// name the other rules too.
     pub const ALL: [Self; 13] = [
         Self::F0,
         Self::F1,
@@ -107,7 +108,7 @@ impl Rule {
         }
     }
 
-    /// Returns the one of [`ALL`](Self::ALL) with this identifier of SPEC.md.
+    /// Returns the rule in [`ALL`](Self::ALL) with this identifier, or `None`.
     #[must_use]
     pub fn named(id: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|rule| rule.id() == id)

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use crate::annotations::ValueKeys;
 use crate::event::{Decision, Input};
 
-/// Follows a machine's decisions, so that an emit can name the timestamp that its value was
-/// computed from (D2) and the one that it is meant for (D18).
+/// Follows a machine's decisions, so that an emit can have the value keys of its result. They name
+/// the message that the value was computed from (D2), and the message that it is meant for (D18).
 ///
-/// It stores an entry for each held result that has such a key, so its memory is bounded as the
-/// machine's is.
+/// It stores an entry for each held result that has a value key, so its memory is bounded like the
+/// machine's.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct HeldValues {
     /// The value keys by timestamp and source.
@@ -19,7 +19,7 @@ pub struct HeldValues {
 }
 
 impl HeldValues {
-    /// Returns `true` if an input with these value keys changes nothing here, so that it need not
+    /// Returns `true` if an input with these value keys would change nothing here. It then need not
     /// be applied.
     #[must_use]
     pub fn is_idle(&self, value: ValueKeys) -> bool {

@@ -58,8 +58,8 @@ pub struct Violation {
     /// The line, counted from 1. If a decision is missing, it is the line after which the decision
     /// should stand. If an observed output is missing, it is the timestamp's last line.
     pub line: u64,
-    /// The timestamp that it is about. For a gap it is the timestamp opened after it, or the one
-    /// before the end; `None` if none was opened.
+    /// The timestamp that it is about. For a gap, it is the timestamp that was opened after the
+    /// gap, or the last one if the gap is at the end. `None` if no timestamp was opened.
     pub t: Option<u64>,
     /// The rule or promise that is broken.
     pub rule: Rule,

@@ -24,8 +24,8 @@ impl Event {
         }
     }
 
-    /// Appends the line with further keys, without its `\n`. It writes any keys; the reader decides
-    /// which ones an event may have.
+    /// Appends the line with further keys, without its `\n`. It writes any keys, even those that a
+    /// reader refuses for this event.
     pub fn write_annotated(&self, annotations: &Annotations, out: &mut Vec<u8>) {
         self.write(out);
         if annotations.is_empty() {

@@ -1,7 +1,7 @@
 //! Runs with many clouds, any priorities and many inputs.
 //!
-//! They reach cases that other runs seldom reach: priorities that sort differently by their digits
-//! or bytes, many pending sources, gates that only a refusal could have changed, and old states.
+//! They reach cases that other runs seldom reach. Priorities sort differently by their digits or
+//! bytes, many sources are pending, only a refusal could have changed a gate, and states are old.
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 

@@ -17,8 +17,8 @@ enum ChainEnd {
 }
 
 impl RunWriter<'_> {
-    /// Opens a message, offers it to nearly all clouds, and gives results in ascending priority, so
-    /// that they are held or rise, or in any order.
+    /// Opens a message, offers it to nearly all clouds, and gives results. They come in ascending
+    /// priority, so that they are held or rise, or in any order.
     pub(super) fn chain(&mut self) {
         self.make_room();
         let (at, t) = (self.now(), self.next_t);

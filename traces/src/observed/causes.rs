@@ -1,5 +1,5 @@
-//! Finds one cause of many violations that is not the operator's: a clock that is off, a log that
-//! was written twice, or a log that restarts.
+//! Finds one cause of many violations that does not lie in the operator. It may be a clock that is
+//! off, a log that was written twice, or a log that restarts.
 
 use std::collections::BTreeMap;
 
@@ -149,8 +149,8 @@ impl CauseTracker {
         }
     }
 
-    /// If a message was done without an open and is opened at `at` after all, returns how long
-    /// before its output came, and `true` if that broke a rule.
+    /// Notes that a message that was done without an open is opened at `at` after all. Returns how
+    /// long before that its output came, and `true` if the output broke a rule.
     pub(super) fn opens_late(&mut self, t: u64, at: u64) -> Option<(u64, bool)> {
         let (output, is_broken) = self.unopened.remove(&t)?;
         let by = at.saturating_sub(output);

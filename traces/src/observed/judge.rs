@@ -28,9 +28,9 @@ use crate::verdict::{Verdict, Violation};
 /// Judges one trace, line by line.
 ///
 /// A timestamp is judged when no further line can change the decision about it, or when the trace
-/// ends. Memory is bounded by the open timestamps, by the lines within a few tolerances of each
-/// other, and by the gaps in the numbers of timestamps that are done. It is not bounded by the
-/// trace's length.
+/// ends. Memory grows with the open timestamps, with the lines within a few tolerances of each
+/// other, and with the gaps between the timestamps that are done. It does not grow with the trace's
+/// length.
 #[derive(Clone, Debug)]
 pub struct Judge {
     header: Header,
@@ -78,7 +78,7 @@ pub enum JudgeError {
     TimeOrderError(#[from] TimeOrderError),
 }
 
-/// A line that is further out of order than the tolerance explains.
+/// Reports a line that is further out of order than the tolerances allow.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
     "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; {remedy}"
@@ -255,7 +255,8 @@ impl Judge {
         TimeOrderError { file, line, at, greatest, tolerance: both, remedy }
     }
 
-    /// Takes the listed violations out of the verdict, so that it lists as many again.
+    /// Removes the listed violations from the verdict and returns them. The verdict then lists up
+    /// to 100 further ones.
     #[must_use]
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.verdict.violations)
@@ -274,8 +275,8 @@ impl Judge {
         self.finish_at(end, end)
     }
 
-    /// Ends the trace of a run that is known to have ended: nothing more was to come, so everything
-    /// that it owed is overdue (A44). Returns the verdict.
+    /// Ends the trace of a run that is known to have ended, and returns the verdict. Nothing more
+    /// was to come, so everything that the run owed is overdue (A44).
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.is_ended = true;
@@ -283,8 +284,8 @@ impl Judge {
         self.finish_at(u64::MAX, last)
     }
 
-    /// Ends a trace that continues or was cut short, so an output that may still come is not
-    /// missing. Returns the verdict.
+    /// Ends a trace that continues or was cut short, and returns the verdict. An output that may
+    /// still come does not count as missing.
     #[must_use]
     pub fn finish_early(self) -> Verdict {
         let end = self.certain();

@@ -1,5 +1,5 @@
-//! Decides what to report for a timestamp that has no explanation under the progressive rule (F9):
-//! its first output that does not fit, an output that is missing, or its final.
+//! Decides what to report for a timestamp that has no explanation under the progressive rule (F9).
+//! It is the first output that does not fit, an output that is missing, or the final.
 
 use super::super::open::{ObservedOutput, WholeMessageHistory};
 use super::super::progressive::{ALWAYS, OutputTime, ProgressiveFacts, span};

@@ -15,7 +15,7 @@ use super::{MessageError, blocks};
 
 /// The longest record in bytes; a 4K image with four channels fits.
 ///
-/// A record in an lz4 chunk takes the memory that it claims before its first byte arrives, and any
+/// A record in an lz4 chunk takes the memory that it claims before its first byte arrives. Any
 /// record takes up to three times its length while a buffer grows. All schemas together may have
 /// this many bytes too.
 pub const RECORD: usize = 40 << 20;
