@@ -9,16 +9,16 @@
 //!   one kind does not keep another from its turn, and a run on a paused clock can be repeated. The
 //!   order changes no decision about time, because the core expires what is due before anything
 //!   else (A2).
-//! - **The timer** is set to the nearest due instant and never moved further away: waking up now
-//!   and then with nothing due is cheaper than moving it with each message. It is set again each
-//!   time it fires, even if the due instant lies beyond the end of the system's clock.
+//! - **The timer** is set to the nearest due instant and never moved further away. Waking up now
+//!   and then with nothing due is cheaper than moving the timer with each message. It is set again
+//!   each time it fires, even if the due instant lies beyond the end of the system's clock.
 //! - **Calls** (D6) run in tasks of their own. On a runtime of one thread they run within the
 //!   driver, which costs half as much. The loop aborts calls that are no longer wanted or have
 //!   lingered long enough, and aborts all of them when it ends or is dropped. It never aborts
 //!   local's computations (F7).
 //! - **Blocking** (D9) is reported. A call that runs for long without a pause holds up its thread
-//!   and the other calls on it, and on a runtime of one thread the whole operator. Such calls are
-//!   counted and logged, and so are timers that are served late.
+//!   and the other calls on it. On a runtime of one thread it holds up the whole operator. Such
+//!   calls are counted and logged, and so are timers that are served late.
 //! - **The clock** is read once for each event, and between two calls that are polled one after the
 //!   other. **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails only after the message was offered to every cloud
@@ -63,8 +63,8 @@ pub trait Transport {
     /// The message that comes in.
     type Message;
 
-    /// Returns what happens next. The driver calls this until nothing is ready, and again when the
-    /// context's waker is called. The transport does its other work in here too.
+    /// Returns the next event. The driver calls this method until no event is ready, and again when
+    /// the context's waker is called. The transport also does its other work here.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
@@ -86,7 +86,7 @@ pub trait Transport {
         None
     }
 
-    /// Called when a message was accepted and offered to all clouds.
+    /// Notes that a message was accepted and offered to all clouds.
     fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
         let _ = (timestamp, message);
     }
@@ -105,8 +105,8 @@ pub trait Transport {
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
-    /// Starts another computation beside local's computation of this message, which has run for too
-    /// long. Called only if the engine [may replace](fuseline_engine::Local::replaceable) any.
+    /// Starts another worker, because local's computation of this message has run for too long.
+    /// Called only if the engine [may replace](fuseline_engine::Local::replaceable) any.
     fn replace(&mut self, timestamp: u64) {
         let _ = timestamp;
     }
@@ -132,7 +132,7 @@ pub trait Transport {
 pub enum Incoming<M, V> {
     /// A message came.
     Message {
-        /// Greater than the timestamp of every earlier message.
+        /// The timestamp, greater than every earlier message's.
         timestamp: u64,
         /// The message.
         message: M,
@@ -171,8 +171,8 @@ pub struct Start<R> {
 
 /// The way in which a request was sent.
 pub enum Sent<V> {
-    /// The request is a call. The end of the future is the source's result or failure, and dropping
-    /// the future must abort the call.
+    /// The request is a call. The future returns the source's result or failure. Dropping the
+    /// future must abort the call.
     Call(BoxFuture<'static, Result<StampedValue<V>, Error>>),
     /// The request was sent. Its result may come by [`Incoming::Completion`].
     Away,
@@ -262,7 +262,7 @@ impl<T: Transport> Driver<T> {
     }
 
     /// Runs until the transport stops it, or until no more messages will come and all are answered.
-    /// Then aborts the calls. [Finish](finish) the engine that it returns.
+    /// Then aborts the calls. Call [`finish`] with the engine that it returns.
     pub async fn run(mut self) -> (T, Engine<T::Value, T::Request>) {
         loop {
             self.act();

@@ -226,9 +226,9 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add(name.into(), Box::new(poll))
     }
 
-    /// Adds an input of which each set gets the latest message, such as a localization. No set
-    /// waits for it. If that message is older than `max_age`, counted from its capture or otherwise
-    /// from its arrival, the input is missing.
+    /// Adds an input that gives each set its latest message, such as the vehicle's position. No set
+    /// waits for this input. If that message is older than `max_age`, counted from its capture or
+    /// otherwise from its arrival, the input is missing.
     pub fn latest<T: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
@@ -239,7 +239,7 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add_latest(name.into(), input, max_age, |_| true, put)
     }
 
-    /// Adds an operator's output of which each set gets the latest item. A
+    /// Adds an operator's output as an input that gives each set its latest item. A
     /// [final](crate::Ending::Final) item is skipped, because its value came before.
     pub fn latest_items<O: Send + Sync + 'static>(
         &mut self,
@@ -252,10 +252,10 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add_latest(name.into(), input, max_age, has_value, move |set, item, _| put(set, item))
     }
 
-    /// Declares that sets belong to the message of this [`latest`](Self::latest) input, if it is
-    /// present. Their lineages have that message's origin and capture, and the due instant of the
-    /// aligned inputs. So a control command belongs to the frame behind its plan, and is as old as
-    /// that frame.
+    /// Declares that each set belongs to the message of this [`latest`](Self::latest) input, if
+    /// that message is present. The set's lineage then has the message's origin and capture. The
+    /// aligned inputs still determine when its end-to-end deadline is due. So a control command
+    /// belongs to the frame behind its plan, and is as old as that frame.
     pub fn origin_of(&mut self, latest: impl Into<Arc<str>>) -> &mut Self {
         self.origin = Some(latest.into());
         self
@@ -344,7 +344,7 @@ impl RunningJoin {
         lock(&self.tally).clone()
     }
 
-    /// Waits until the aligned inputs have ended and every set was given. Returns the counts.
+    /// Waits until the aligned inputs have ended and every set was given, and returns the counts.
     pub async fn join(self) -> JoinTally {
         // The task fails only if the runtime was shut down, which ends the join too.
         let _ = self.task.await;

@@ -24,10 +24,10 @@ pub struct Local<I, O> {
     /// longer is logged and counted as lost, and it occupies its place until it ends, unless it may
     /// be [replaced](Self::replaceable).
     pub deadline: Option<Duration>,
-    /// The number of computations that have run longer than `deadline` and may be replaced by
-    /// another thread each. The default is `at_once` for [`threads`](Self::threads), which can make
-    /// another function. It is 0, and has no effect, for the other kinds: a computation with state
-    /// must not run beside itself.
+    /// The greatest number of computations past their `deadline` that other threads may replace.
+    /// The default is `at_once` for [`threads`](Self::threads), which can make another function. It
+    /// is 0, and has no effect, for the other kinds: a computation with state must not run beside
+    /// itself.
     pub replaceable: usize,
     /// The number of messages that may wait for a computation; by default as many as the window.
     /// Beyond that, one is discarded: local fails for it (F4), and only the clouds can answer it.

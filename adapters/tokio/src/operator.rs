@@ -62,13 +62,13 @@ pub struct Config {
     pub output_len: usize,
     /// The timers that wake the operator at a due instant; tokio's by default.
     pub timers: Timers,
-    /// The greatest delay of a timer, and the longest time that a handler may run without a pause,
-    /// that is not counted and logged as a warning; 20 ms by default.
+    /// A timer that is served later than this, or a handler that runs longer without a pause, is
+    /// counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline that a request or local may have; 60 s by default. A longer one, such
-    /// as milliseconds that were read as seconds, is refused: local's deadline at the start, an
-    /// offer as `deadline`, with a warning for the first (F2, A14). If a policy chooses deadlines,
-    /// this is the greatest that it may choose.
+    /// The longest deadline that a request or local may have; 60 s by default. A longer deadline,
+    /// such as milliseconds that were read as seconds, is refused. If it is local's, the operator
+    /// does not start. An offer is refused as `deadline`, with a warning for each cloud's first
+    /// (F2, A14). If a policy chooses deadlines, this is the greatest that it may choose.
     pub greatest_deadline: Duration,
     /// The file in which the run is recorded; none by default.
     pub trace: Option<Trace>,
@@ -87,8 +87,8 @@ pub struct Config {
     /// it.
     pub carry_messages: bool,
     /// The rate of messages that the operator must keep up with; not checked by default. If it is
-    /// given, an operator with too small a window, or too few calls or local computations at once,
-    /// is not started, because its policies and local could not keep their promises.
+    /// given, the operator starts only if its window, and its calls and local computations at once,
+    /// suffice for that rate. Otherwise its policies and local could not keep their promises.
     pub workload: Option<Workload>,
 }
 
@@ -123,8 +123,8 @@ pub enum SpawnError {
         /// The name.
         name: String,
     },
-    /// There is no operator with this configuration and these clouds, or it could not keep up with
-    /// its [workload](Config::workload).
+    /// The configuration or the clouds were refused, or the operator could not keep up with its
+    /// [workload](Config::workload).
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] EngineConfigError),
     /// Local's deadline is above the [greatest](Config::greatest_deadline).
@@ -155,7 +155,7 @@ pub enum SpawnError {
         /// The system's error.
         error: io::Error,
     },
-    /// There is no timer as [configured](Config::timers).
+    /// The [configured](Config::timers) timers are not available.
     #[error("no timer to wake the operator: {0}")]
     Timers(io::Error),
     /// A thread for local cannot be started.
@@ -233,8 +233,8 @@ pub fn spawn<P: Operator>(
     start(&runtime, config, setup, local, input)
 }
 
-/// Depends on the types of the operator's messages but not on the operator's type. Operators with
-/// the same message types so share one copy of this function and of the task.
+/// Starts an operator whose type is no longer needed. So operators with the same message types
+/// share one copy of this function and of the task.
 fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
     runtime: &Handle,
     config: Config,
@@ -386,7 +386,8 @@ fn sides<I>(
     registered.into_iter().map(asker).collect()
 }
 
-/// Local's deadline bounds the wait for a message, as the deadlines of requests do (A14).
+/// Refuses a deadline of local above the greatest, because it bounds the wait for a message as
+/// requests' deadlines do (A14).
 fn check_local<I, O>(config: &Config, local: &Local<I, O>) -> Result<(), SpawnError> {
     let greatest = config.greatest_deadline;
     match local.deadline {

@@ -19,7 +19,7 @@ use crate::panics::reason;
 use crate::pending_call::{self, BoxedRequest};
 use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
-/// Registers an operator's clouds, up to 15, and what goes with them.
+/// Registers an operator's clouds, up to 15, and its other handlers.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Cloud>,
     /// The message handlers of the clouds, in the clouds' order.
@@ -244,8 +244,9 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.sides[last].side
     }
 
-    /// Sets the function that gets each result that came too late for its message, with its age, so
-    /// that local can use it for later messages. A hint never becomes an output.
+    /// Sets the function that gets each result that came too late for its message, with the
+    /// result's age. Local can use such a *hint* for later messages. A hint never becomes an
+    /// output.
     ///
     /// The function gets results that were dropped as `late` or `superseded`, local's too, if their
     /// message is one of the last 1024. An aborted call has no result, so set how long a cloud's
@@ -280,9 +281,9 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Sets the function that returns the value to send for a message that is missed or refused,
-    /// such as the last plan or a safe stop (E4). The item is [marked](Item::substitute); its
-    /// ending and the trace stay as they are.
+    /// Sets the function that returns the value to send for a message that is missed or refused
+    /// (E4). Examples are the last plan, or a safe stop. The item is [marked](Item::substitute);
+    /// its ending and the trace stay as they are.
     ///
     /// A message with an [end-to-end deadline](crate::Lineage::within) is then missed early enough
     /// to leave the [reserve](crate::Config::reserve) to the operators downstream. `substitute`

@@ -23,12 +23,11 @@ impl<T> SharedState<T> {
         Self(Arc::new(Mutex::new(state)))
     }
 
-    /// Calls `use_it` with the state, which nobody else uses meanwhile. Returns what `use_it`
-    /// returns.
+    /// Calls `use_it` with the state, and returns what `use_it` returns.
     ///
-    /// Others wait meanwhile, among them the operator if its message handlers use the state. So
-    /// copy what you need, and compute outside. After a panic the state stays as it was at that
-    /// moment.
+    /// Nobody else can use the state during that call. Others wait, even the operator if its
+    /// message handlers use the state. So copy what you need, and compute outside. After a panic
+    /// the state stays as it was at that moment.
     ///
     /// Do not call it from within `use_it`: that call would never return.
     pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {

@@ -58,7 +58,7 @@ pub(crate) struct SideRunner<I> {
 }
 
 impl<I> SideRunner<I> {
-    /// Creates the running side request, or returns `None` unless `resume < limit`.
+    /// Creates the running side request. Returns `None` if `resume` is not less than `limit`.
     pub(crate) fn new(
         operator: &str,
         SideRegistration { side, message_handler }: SideRegistration<I>,

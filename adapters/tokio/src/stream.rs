@@ -20,7 +20,7 @@ use crate::in_order::OrderedReading;
 /// Creates a stream of `T` with one writer. Each of its readers may lag `capacity` messages behind.
 ///
 /// # Panics
-/// If `capacity` is 0: no message could ever be written.
+/// Panics if `capacity` is 0, because no message could ever be written.
 #[must_use]
 pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     assert!(capacity > 0, "a stream needs room for at least 1 message");
@@ -38,10 +38,10 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 ///
 /// A message's timestamp is its index in the stream, from 0. It is the same for all readers.
 ///
-/// A message is [written](Self::write) at once or not at all. If a write could wait, a task that
-/// waits for an operator to accept a message, and does not read the operator's output meanwhile,
-/// would wait forever once the output is full. [`write_all`](Self::write_all) waits, but it takes
-/// the writer, so it can only run beside the task that reads.
+/// A message is [written](Self::write) at once or not at all. If a write could wait, a task could
+/// deadlock: it would wait for an operator to accept a message, while the operator waits for the
+/// task to read the full output. [`write_all`](Self::write_all) waits, but it takes the writer, so
+/// it runs beside the task that reads.
 #[derive(Debug)]
 pub struct Writer<T> {
     readers: Vec<mpsc::Sender<StreamMessage<T>>>,

@@ -105,8 +105,8 @@ where
         Self { local, fallbacks: Vec::new(), deadline: Duration::from_secs(1), config }
     }
 
-    /// Adds a fallback that is better than those before it. It has `deadline` to become ready and
-    /// answer. There may be at most 14.
+    /// Adds a fallback that is better than the fallbacks before it. It has `deadline` to become
+    /// ready and answer. There may be at most 14 fallbacks.
     #[must_use]
     pub fn fallback<S>(mut self, service: S, deadline: Duration) -> Self
     where
@@ -118,7 +118,7 @@ where
         self
     }
 
-    /// Sets the time that the wrapped service has; 1 s by default.
+    /// Sets how long the wrapped service may take to become ready and answer; 1 s by default.
     #[must_use]
     pub const fn deadline(mut self, deadline: Duration) -> Self {
         self.deadline = deadline;

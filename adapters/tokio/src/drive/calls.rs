@@ -209,8 +209,8 @@ impl<V> InlineCalls<V> {
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
         drop(entered);
-        // The clock is read after the response handler, which is part of the call, and before
-        // anything else, because this is the result's instant too (F0).
+        // This reading is also the result's instant (F0). So it comes after the response handler,
+        // which is part of the call, and before anything else.
         let end = *ended.insert(clock.now());
         let (priority, timestamp) = *key;
         if polled.is_ok() {

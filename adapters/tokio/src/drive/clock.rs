@@ -1,6 +1,6 @@
 //! The operator's clock. An event's instant is read after the event (F0). Reading the clock costs
-//! as much as answering an input, so a reading is used again as long as only the loop's own steps
-//! lie between.
+//! as much as answering an input. So a reading is reused while only the loop's own steps have run
+//! since.
 
 use std::time::Duration;
 

@@ -25,8 +25,8 @@ use crate::grpc::remote::Connection;
 /// ```
 ///
 /// The deadline travels as `grpc-timeout`. Every status other than `OK` is a failure (F4), with a
-/// [`CallError`]. The bytes that a [`Connection`] accepts of the request count as sent: none
-/// without a connection, and otherwise the encoded request and gRPC's five bytes before it.
+/// [`CallError`]. The bytes of the request that a [`Connection`] accepts count as sent: the encoded
+/// request, and gRPC's five bytes before it. Without a connection, no bytes count.
 pub fn unary<Req, Res, Fut>(
     method: impl Fn(tonic::Request<Req>) -> Fut + Send + Sync + 'static,
 ) -> impl Fn(Req, Call) -> BoxFuture<'static, Result<Res, Error>> + Send + Sync + 'static

@@ -46,7 +46,7 @@ pub struct RequestLineage {
     /// The sensor's stream.
     #[prost(string, optional, tag = "1")]
     pub origin: Option<String>,
-    /// The timestamp there.
+    /// The message's timestamp in that stream.
     #[prost(uint64, optional, tag = "2")]
     pub seq: Option<u64>,
     /// The nanoseconds since the capture.
@@ -63,12 +63,12 @@ pub struct Reply {
     /// The result, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "1")]
     pub payload: Bytes,
-    /// The timestamp of the message that the result was computed from, if the cloud names it. If
-    /// there are several, the oldest.
+    /// The timestamp of the message that the result was computed from, if the cloud names it. For
+    /// several messages it is the oldest one's.
     #[prost(uint64, optional, tag = "2")]
     pub of: Option<u64>,
-    /// The timestamp of the message that the result is meant for, if the cloud names it; for a
-    /// chunk of actions, the action's tick.
+    /// The timestamp of the message that the result is meant for, if the cloud names it. For an
+    /// action of a chunk, it is the action's tick.
     #[prost(uint64, optional, tag = "3")]
     pub meant_for: Option<u64>,
 }
@@ -105,8 +105,8 @@ impl RequestLineage {
         }
     }
 
-    /// Returns the lineage on this host's clock, for a request that came at `now`. The time on the
-    /// way is not known, so the message is older than the lineage says by that time.
+    /// Returns the lineage on this host's clock, for a request that came at `now`. The message is
+    /// older than this lineage says, because the time on the way is not known.
     #[must_use]
     pub fn lineage(&self, now: Instant) -> Lineage {
         let origin =
@@ -141,7 +141,7 @@ impl InferClient {
         Self(grpc)
     }
 
-    /// Has a message computed.
+    /// Asks the cloud to compute a message.
     ///
     /// # Errors
     /// Returns the status from the server, or from the connection to it.
@@ -155,8 +155,8 @@ impl InferClient {
     /// Requests a description of what the server serves.
     ///
     /// # Errors
-    /// Returns the status from the server, or from the connection to it; `Unimplemented` if the
-    /// server does not say.
+    /// Returns the status from the server, or from the connection to it. It is `Unimplemented` if
+    /// the server has no description.
     pub async fn describe(
         &mut self,
         request: tonic::Request<()>,
@@ -180,10 +180,10 @@ impl InferClient {
     }
 }
 
-/// Answers a cloud's requests. If the caller gives up or its deadline passes, the future is
+/// Computes a cloud's results. If the caller gives up or its deadline passes, the future is
 /// dropped.
 pub trait Infer: Send + Sync + 'static {
-    /// Computes a message.
+    /// Computes the result for a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;
 
     /// Returns the description of what the server serves. By default there is none.
@@ -247,10 +247,10 @@ impl NamedService for InferServer {
     const NAME: &'static str = "fuseline.v1.Infer";
 }
 
-/// Computes messages.
+/// Serves the method that computes results.
 struct ComputeService(Arc<dyn BoxedInfer>);
 
-/// Sends the description of what is served.
+/// Serves the method that returns the description.
 struct DescribeService(Arc<dyn BoxedInfer>);
 
 impl UnaryService<Request> for ComputeService {

@@ -51,7 +51,7 @@ pub struct Server {
     pub bounds: Bounds,
 }
 
-/// The reason why nothing can be served.
+/// The reason why a server cannot start.
 #[derive(Debug, Error)]
 pub enum ServeError {
     /// Client certificates are required but the server has no identity.
