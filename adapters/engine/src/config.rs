@@ -68,7 +68,8 @@ pub struct CloudConfig {
     /// how each ended. By default there is none, and the message handler alone decides.
     ///
     /// An abandoned request is reported as censored, even if it never left the queue. Ages count
-    /// from when the message was accepted. The policy is called in the operator's task and must not
+    /// from when the message was accepted. If it has an end-to-end deadline, they count from the
+    /// capture and include the reserve. The policy is called in the operator's task and must not
     /// block. If it panics, no request is made.
     pub policy: Option<Box<dyn Policy + Send>>,
     /// The time that a call may run on after its due instant, so that `policy` learns how long it
