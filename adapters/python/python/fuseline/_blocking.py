@@ -87,13 +87,13 @@ class BlockingOperator(Generic[M, V]):
         """Accepts a message, and returns its timestamp.
 
         Raises:
-            Full: if as many items wait to be read as the operator's ``output_len``.
+            Full: if ``output_len`` items of the operator wait to be read.
             Closed: if the operator accepts no more messages.
         """
         return self._call(self._write(message, lineage))
 
     def read(self, timeout: float | None = None) -> Item[V] | None:
-        """Returns the next item, or None if none comes within ``timeout`` seconds or ever.
+        """Returns the next item, or None after ``timeout`` seconds or after the last item.
 
         If it is interrupted, as by Ctrl-C, the next call gets the item.
         """

@@ -136,11 +136,11 @@ class Driver(Generic[M, V]):
 
     @property
     def is_idle(self) -> bool:
-        """Tells whether no message is open and nothing is being decided."""
+        """Returns True if no message is open and nothing is being decided."""
         return self._calls.is_idle
 
     def has_room(self, window: int) -> bool:
-        """Tells whether fewer messages than `window` are open, as far as that is known now."""
+        """Returns True if fewer messages than `window` are open, as far as is known now."""
         return self._calls.has_room(window)
 
     def close(self) -> None:

@@ -34,7 +34,7 @@ class EncodedRequest:
         self._is_shared = False
 
     def is_of(self, encode: Callable[[Any], Any], raw: Any) -> bool:
-        """Tells whether another cloud's request would be the same."""
+        """Returns True if another cloud's request would be the same."""
         return self._raw is raw and bool(self._encode == encode)
 
     def share(self) -> EncodedRequest:
@@ -43,7 +43,7 @@ class EncodedRequest:
         return self
 
     def give_up(self, threads: DaemonThreads) -> bool:
-        """Replaces the thread that encodes. Tells whether it was replaced."""
+        """Replaces the thread that encodes. Returns True if it was replaced."""
         return self._future is not None and threads.replace(self._future)
 
     async def get(self, threads: DaemonThreads) -> Any:

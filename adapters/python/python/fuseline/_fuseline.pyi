@@ -1,4 +1,4 @@
-"""Declares what of the package is compiled."""
+"""Declares the compiled part of the package."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import timedelta

@@ -15,13 +15,13 @@ MESSAGE_BYTES = 32 * 1024 * 1024
 class Description:
     """Describes the model that a cloud serves, as the cloud states it."""
 
-    #: The model, as people call it; empty if it has no name.
+    #: The model's name, for people; empty if it has none.
     model: str = ""
     #: The model's usual runtime, in milliseconds.
     runtime_ms: float | None = None
     #: Its box AP on COCO, 0 to 100.
     ap: float | None = None
-    #: The recorded drive whose round trips replies take besides; empty if there is none.
+    #: The recorded drive whose round trips are added to each reply; empty if there is none.
     drive: str = ""
     #: True if the cloud only waits as long as the model would take.
     emulated: bool = False

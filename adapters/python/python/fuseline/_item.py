@@ -40,7 +40,7 @@ class Ending(Enum):
 class Trigger(Enum):
     """Says what caused a result to be sent."""
 
-    #: It arrived, and no better result was pending (F3).
+    #: It arrived and was sent at once (F3, F9).
     ARRIVAL = "arrival"
     #: It was held, and the source that it waited for failed (F4).
     FAILURE = "failure"
@@ -149,10 +149,10 @@ def fields_of(lineage: Lineage | None) -> _Fields | None:
 
 @dataclass(frozen=True, slots=True)
 class StampedValue(Generic[V]):
-    """Holds a value, the message it was computed from (D2), and the one it is meant for (D18).
+    """Holds a value, the message it was computed from (D2), and the message it is for (D18).
 
-    A response handler may return it. A value of a message that the cloud's ``max_age`` does not
-    allow is a failure, and so is a value that is meant for another message.
+    A response handler may return it. A value counts as a failure if it was computed from a message
+    that the cloud's ``max_age`` does not allow. So does a value that is meant for another message.
     """
 
     #: The value.

@@ -66,7 +66,7 @@ class Items(Generic[T]):
         self._shared.add(self)
 
     def new_reader(self) -> Items[T]:
-        """Returns another reader, for everything that comes from now on."""
+        """Returns another reader, for all items that come from now on."""
         reader: Items[T] = object.__new__(Items)
         reader._shared, reader._waiting = self._shared, deque()
         reader._readers, reader._is_reported = 0, False
@@ -111,7 +111,8 @@ class Items(Generic[T]):
         Args:
             wait: The time that an item waits for the items of earlier messages. At most 1,024 items
                 wait. Then the missing timestamps are passed over.
-            reserve: An item waits no longer than until this is left of its end-to-end deadline.
+            reserve: The wait also ends when only this time is left of the item's end-to-end
+                deadline.
             report: Called with the timestamps that are passed over, and with each item that comes
                 for one of them later.
             clock: The operators' clock.

@@ -60,7 +60,7 @@ class JoinDropReason(Enum):
 
     #: Its origin has no timestamp.
     NO_KEY = "no key"
-    #: Its set was given before, or is older than the last 1,024 that were.
+    #: Its set was given before, or is older than the last 1,024 sets.
     LATE = "late"
     #: The input's last message of this set has come.
     DUPLICATE = "duplicate"
@@ -83,7 +83,8 @@ class Joined:
     #: The reason why it was given.
     cause: JoinCause
     #: The lineage of the first input that is present, with the oldest capture and the earliest
-    #: end-to-end deadline of all. If one capture is unknown, the set's capture is unknown.
+    #: end-to-end deadline of all inputs that are present. If one capture is unknown, the set's
+    #: capture is unknown.
     lineage: Lineage | None
 
 
@@ -237,11 +238,11 @@ class Join:
     def latest(
         self, name: str, max_age: Duration, items: AsyncIterator[Item[Any]] | None = None
     ) -> JoinInput[Any]:
-        """Adds an input of which each set gets the latest message, such as a localization.
+        """Adds an input that gives each set its latest message, such as the vehicle's position.
 
-        No set waits for it. A message is missing if it is older than ``max_age``, counted from its
-        capture, or from its arrival if the capture is unknown. With ``items``, the input is an
-        operator's output, and a set holds its latest item.
+        No set waits for this input. It is missing if its latest message is older than ``max_age``.
+        The age counts from the capture, or from the arrival if the capture is unknown. With
+        ``items``, the input is an operator's output, and a set holds its latest item.
         """
         latest: JoinInput[Any] = self._add(JoinInput(self, name, None, nanoseconds(max_age)))
         if items is not None:
@@ -249,7 +250,7 @@ class Join:
         return latest
 
     def origin_of(self, latest: str) -> None:
-        """Declares that sets belong to the message of this latest-value input, if present.
+        """Declares that each set belongs to this latest-value input's message, if present.
 
         A set's lineage then has that message's origin and capture, and the end-to-end deadline of
         the aligned inputs. So a control command belongs to the frame behind its plan, and is as old

@@ -215,9 +215,9 @@ def check(
         trace: The trace's bytes, the path of its file, or an iterable of its lines, either all with
             their line ends or all without. Gzip is unpacked.
         name: Its name in the verdict and in errors; by default its path.
-        ended: True if the run is known to be over. Then each timer that has not fired is overdue,
-            even if it is due after the trace's end, and a message that waits only for local is in
-            doubt (``unfinished``).
+        ended: True if the run is known to be over. Each timer that has not fired is then overdue,
+            even if it is due after the trace's end. A message that waits only for local is in doubt
+            (``unfinished``).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
@@ -300,8 +300,9 @@ def report(
 ) -> tuple[Verdict, ...]:
     """Judges traces and writes the page about them: the page of ``fuseline report``.
 
-    It is one file that needs no network: a summary by source, the response times, and a timeline
-    from the whole run down to what happened to one timestamp and why, with violations in it.
+    The page is one file that needs no network. It has a summary by source, the response times, and
+    a timeline with violations. The timeline shows the whole run, and for each timestamp what
+    happened and why.
 
     Args:
         traces: The traces, each as for `check`, or one list of paths.
@@ -319,9 +320,9 @@ def report(
     Raises:
         ReadError: if a trace cannot be read to its end.
         OSError: if a trace cannot be opened or read, or the page cannot be written.
-        ValueError: if there is no trace, a list of paths beside other traces, only one of tolerance
-            and lateness, or a different number of names than of traces; or if ``tolerances`` names
-            no source, or is given without a tolerance for all others.
+        ValueError: if there is no trace, or a list of paths beside other traces. Also if only one
+            of tolerance and lateness is given, or the number of names is not the number of traces.
+            Also if ``tolerances`` names no source, or is given without a tolerance for all others.
     """
     each = _each_trace(traces)
     if not each:

@@ -94,7 +94,7 @@ class Local(Generic[M, V]):
                 answered.
             may_lose_results: True if a result can be lost on its way, as over a topic. A
                 computation that has not ended within the deadline then counts as lost, and its
-                place is free again. Otherwise it occupies its place until it ends.
+                place is free again. If False, it occupies its place until it ends.
 
         >>> import asyncio
         >>> async def double(number, timestamp):

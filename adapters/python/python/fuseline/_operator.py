@@ -75,8 +75,8 @@ class Operator(Setup[M, V], Generic[M, V]):
     raise a RuntimeError.
 
     Args:
-        local: Computes each message on board: a `Local`, an ``async def`` of a message and its
-            timestamp, or a plain function of them, which runs in a thread of its own.
+        local: Computes each message on board. It is a `Local`, or a function of a message and its
+            timestamp. A plain function runs in a thread of its own, an ``async def`` in a task.
         name: The operator's name in logs and traces.
         window: The greatest number of messages that may be open at once, 1 to 1024. A further
             message is refused as ``full`` (F1).
@@ -87,11 +87,12 @@ class Operator(Setup[M, V], Generic[M, V]):
         trace: The file that the run is recorded to. An existing file is overwritten, and each
             operator needs its own.
         clock: Returns whole nanoseconds that never go back.
-        lag_warning: The greatest delay of a timer, and the longest time that a handler may block
-            the loop, that is not counted and logged as a warning.
+        lag_warning: A timer that is served later than this, or a handler that blocks the loop for
+            longer, is counted and logged as a warning.
         greatest_deadline: The longest deadline of a request or of local, and the greatest that a
-            policy may choose. A longer one, such as milliseconds read as seconds, is refused:
-            local's with a ConfigError, an offer's as ``deadline``, with a warning for the first.
+            policy may choose. A longer deadline, such as milliseconds read as seconds, is refused.
+            Local's raises a ConfigError. An offer's is refused as ``deadline``, with a warning for
+            each cloud's first.
         reserve: The latencies of the operators downstream. That part of an end-to-end deadline is
             kept for them (E3).
         latency: Records how long this operator takes, for the reserve of the operators upstream.
@@ -429,7 +430,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         return output.take()
 
     async def read(self, timeout: float | None = None) -> Item[V] | None:
-        """Returns the next item, or None if none comes within ``timeout`` seconds or ever."""
+        """Returns the next item, or None after ``timeout`` seconds or after the last item."""
         self._running("read")
         timeout = check_timeout(timeout)
         loop = asyncio.get_running_loop()

@@ -30,8 +30,8 @@ LONGEST_PAUSE = 60.0
 class RemotePolicy(Protocol):
     """Is a connection to a policy server.
 
-    ``infer`` may have a parameter ``call``, and is then given a `Call`: the tick is its
-    ``timestamp``, and the seconds in which the action is of use its ``deadline``.
+    If ``infer`` has a parameter ``call``, it gets a `Call`. The call's ``timestamp`` is the tick,
+    and its ``deadline`` is the seconds for which the action is useful.
     """
 
     @property
@@ -68,7 +68,7 @@ class RemoteThread:
         self._is_calling = False
 
     def is_ready(self) -> bool:
-        """Tells whether a call can be made: none is under way, and no connection has just ended."""
+        """Returns True if a call can be made: none is under way, and no connection just ended."""
         if self._is_calling:
             return False
         if self._connection is not None and not self._connection.is_over:

@@ -96,9 +96,9 @@ class Setup(Generic[M, V]):
                 An older value, or a value of a later message, is a failure (F4).
 
         Raises:
-            ConfigError: if the operator has started, or an argument is of the wrong kind, such as a
-                class instead of an instance, a handle that is not async, or a number out of its
-                range.
+            ConfigError: if the operator has started, or an argument is of the wrong kind or out of
+                its range. Examples are a class instead of an instance, and a handle that is not
+                async.
 
         >>> from fuseline import Operator
         >>> async def west(frame, call):
@@ -221,7 +221,7 @@ class Setup(Generic[M, V]):
             limit: The number of waiting requests at which the gate shuts (F2g).
             resume: The number of waiting requests at or below which the gate opens again; less than
                 ``limit``.
-            calls: How many calls may be under way; further requests wait.
+            calls: The greatest number of calls under way. Further requests wait.
 
         Raises:
             ConfigError: if the operator has started, or an argument is of the wrong kind.

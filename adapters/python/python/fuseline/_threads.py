@@ -82,7 +82,7 @@ class DaemonThreads:
         future: asyncio.Future[Any],
         arguments: tuple[Any, ...],
     ) -> bool:
-        """Computes a job. Tells whether this thread was replaced in the meantime."""
+        """Computes a job. Returns True if this thread was replaced in the meantime."""
         if future.cancelled():
             return False
         with self._lock:

@@ -66,7 +66,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _is_trace(file: Path) -> bool:
-    """Tells whether the file is an earlier trace, or empty."""
+    """Returns True if the file is an earlier trace, or empty."""
     with file.open("rb") as opened:
         head = opened.read(len(_HEAD))
     return head in (b"", _HEAD)

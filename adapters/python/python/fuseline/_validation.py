@@ -155,7 +155,7 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Refused(Generic[W]):
-    """Says that the open or the offer changed nothing, except that an offer moves the gate."""
+    """Says that an open or an offer changed nothing. A refused offer may still change the gate."""
 
     #: The first reason that holds.
     why: W

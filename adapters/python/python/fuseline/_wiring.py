@@ -336,7 +336,7 @@ def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str)
 
 
 def is_awaitable(value: Any) -> bool:
-    """Tells whether a value can be awaited, in a fraction of `inspect.isawaitable`'s time."""
+    """Returns True if a value can be awaited, in a fraction of `inspect.isawaitable`'s time."""
     kind = type(value)
     if kind is GeneratorType:
         return inspect.isawaitable(value)
@@ -344,7 +344,7 @@ def is_awaitable(value: Any) -> bool:
 
 
 def is_async(function: Any) -> bool:
-    """Tells whether it is an ``async def``, or an object that is called like one."""
+    """Returns True for an ``async def``, or an object that is called like one."""
     called = None if inspect.isclass(function) else getattr(function, "__call__", None)  # noqa: B004
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
 

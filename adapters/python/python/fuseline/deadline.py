@@ -108,9 +108,10 @@ class Situation:
     """Describes the vehicle's situation at the time of a decision."""
 
     #: The vehicle's speed from this message's capture until it could brake for it, in m/s. If it is
-    #: not a speed, the policy treats the situation as unknown and takes no risk.
+    #: not a speed from 0 to 150 m/s, the situation counts as unknown, and a guard takes no risk.
     speed: Figure = math.nan
-    #: The distance to the nearest place from which something may come into sight, in metres.
+    #: The distance to the nearest place where something may come into sight, in metres; None if it
+    #: is unknown.
     reveal: float | None = None
     #: The age of each call under way, the oldest first.
     under_way: Sequence[Duration] = ()
@@ -163,9 +164,9 @@ class Parameters:
     brake_delay: Time = 0.1
     #: The number of frames in a row that must report an obstacle before the vehicle brakes.
     frames: int = 3
-    #: The time between two frames that local takes.
+    #: The time between two frames that local processes.
     period_local: Time = 1.0 / 30.0
-    #: The time between two frames that the cloud takes.
+    #: The time between two frames that the cloud processes.
     period_cloud: Time = 1.0 / 30.0
     #: The time from a frame's capture until local's result.
     local_response: Time = 0.3017
@@ -307,7 +308,7 @@ class Constant(_Capping):
 
 
 class Guard(_Capping):
-    """Chooses the longest deadline with which fusion hits nothing that local alone would not (T2).
+    """Chooses the longest deadline with which fusion never hits what local alone would not (T2).
 
     Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard
     caps.
@@ -494,7 +495,7 @@ class Observations:
         ]
 
     def survival(self, under_way: Sequence[Duration] = ()) -> list[Step]:
-        """Returns the estimate of Kaplan and Meier, a step for each distinct response.
+        """Returns the estimate of Kaplan and Meier, with a step for each distinct response.
 
         Args:
             under_way: The ages of the calls under way, the oldest first.
@@ -509,7 +510,7 @@ class Capped(_Capping):
         self._cap, self._policy = cap, policy
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
-        """Returns the policy's deadline among those up to the cap's."""
+        """Returns the policy's deadline, at most the deadline that the cap chooses."""
         limit = self._cap.decide(situation, cap)
         chosen = self._policy.decide(situation, limit.deadline)
         return limit if chosen.reason is Reason.CAP else chosen
@@ -541,7 +542,7 @@ def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
 
 
 def learners(policy: Policy) -> list[Policy]:
-    """Returns the policies of which it is made that learn how calls ended."""
+    """Returns the parts of a policy that learn how calls ended."""
     if isinstance(policy, Capped):
         return [*learners(policy._cap), *learners(policy._policy)]
     return [] if type(policy) in (Constant, Guard, Called) else [policy]

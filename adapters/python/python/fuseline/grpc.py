@@ -1,4 +1,4 @@
-"""Clouds behind gRPC: a handle for `Operator.use_cloud`, and a server.
+"""Connects operators to clouds over gRPC: a handle for `Operator.use_cloud`, and a server.
 
 Both speak ``fuseline.v1.Infer``, as Rust's operators and the command ``fuseline serve`` do. A
 `Remote` connects to a cloud, and its method `Remote.infer` is the handle:
@@ -150,7 +150,7 @@ class Remote:
         await self.close()
 
     async def infer(self, payload: bytes, call: Call) -> bytes:
-        """Has a message computed: the handle for `Operator.use_cloud`.
+        """Asks the cloud to compute a message. This is the handle for `Operator.use_cloud`.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -158,7 +158,7 @@ class Remote:
         return (await self.infer_stamped(payload, call)).value
 
     async def infer_stamped(self, payload: bytes, call: Call) -> StampedValue[bytes]:
-        """Has a message computed. Returns a `StampedValue` with the messages that the reply names.
+        """Computes a message. Returns a `StampedValue` with the messages that the reply names.
 
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
@@ -317,7 +317,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Its URL, for `Remote`."""
+        """Returns the server's URL, for `Remote`."""
         return f"{'http' if self._identity is None else 'https'}://{self.address}"
 
     async def start(self) -> None:

@@ -96,7 +96,7 @@ class Drive:
         ]
 
     def round_trip(self, at: Duration) -> float | None:
-        """Returns the round trip of a message sent ``at`` this second; None if it never returns.
+        """Returns the round trip of a message sent at second ``at``; None if it never returns.
 
         While the network is unavailable, a message waits for it.
         """
@@ -107,8 +107,8 @@ class Drive:
 class RecordedNetwork:
     """Emulates a network between an operator and a cloud, or several.
 
-    A call takes the round trip of the moment at which it is made: half of it on the way there, and
-    half on the way back. A call that never returns waits until it is cancelled. The network's time
+    A call takes the round trip of the moment at which it is made, one half on the way there and the
+    other on the way back. A call that never returns waits until it is cancelled. The network's time
     is the running loop's, and begins with the first call or with `begin`.
 
     Args:

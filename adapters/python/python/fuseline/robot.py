@@ -120,15 +120,15 @@ class Always:
         chunk: Configures the use of replies with the actions of several ticks. It then bounds the
             age of actions, and the deadline applies to actions of a chunk that has arrived.
         period: The time from one tick to the next, in seconds, not a rate in hertz.
-        linger: The time that a call may continue after its deadline, without effect.
+        linger: The time that a call may continue after its deadline. Its reply then has no effect.
         trace: The file that the run is recorded to, for ``fuseline check``.
         name: The operator's name in logs and traces.
         on_failure: Called by `infer`, before it returns, with each `Failure` since the last tick,
             of the remote policy or of the policy on board. An exception that it raises is logged.
 
     Raises:
-        ConfigError: if neither a deadline nor a period is given, the deadline is above the period,
-            the period is longer than two seconds, or a chunk has no ticks.
+        ConfigError: if neither a deadline nor a period is given, or the deadline is above the
+            period. Also if the period is longer than two seconds, or a chunk has no ticks.
 
     >>> class Server:
     ...     def infer(self, observation):

@@ -35,7 +35,7 @@ class Subscriber(Protocol):
     """Describes the part of `message_filters.Subscriber` that is used here."""
 
     def registerCallback(self, callback: Callable[..., Any], *arguments: Any) -> Any:  # noqa: N802
-        """Calls a function with each message."""
+        """Registers a function that is called with each message."""
 
 
 class TimeSynchronizer:
@@ -105,12 +105,12 @@ class TimeSynchronizer:
             subscriber.registerCallback(partial(self._add, index))
 
     def registerCallback(self, callback: Callable[[Joined], Any]) -> None:  # noqa: N802
-        """Calls a function with each set."""
+        """Registers a function that is called with each set."""
         check_function(callback, "a callback")
         self._callbacks.append(callback)
 
     def on_drop(self, on_drop: Callable[[JoinDrop], Any]) -> None:
-        """Calls a function with each message that is dropped: late, repeated or without a key."""
+        """Registers a function that gets each dropped message: late, repeated or without a key."""
         check_function(on_drop, "what is called on drops")
         self._on_drop = on_drop
 

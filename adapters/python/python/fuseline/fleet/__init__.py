@@ -175,7 +175,7 @@ def judge_all(paths: Iterable[Path_], **how: Any) -> pa.Table:
 
     Args:
         paths: The traces' paths.
-        how: As for `judge`.
+        how: The other arguments of `judge`.
 
     Raises:
         ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.

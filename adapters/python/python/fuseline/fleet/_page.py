@@ -165,7 +165,7 @@ WIDTH, HEIGHT, LEFT, FLOOR = 900, 240, 46, 212
 
 
 def _curves(answer: Answer) -> str:
-    """Draws for each source which share of its outputs took at most how long."""
+    """Draws, for each source, the share of its outputs that took at most a given time."""
     sources: dict[str, list[tuple[float, int]]] = {}
     for source, seconds, items in answer[1]:
         sources.setdefault(source, []).append((max(seconds, 1e-6), items))
@@ -201,7 +201,7 @@ def _curves(answer: Answer) -> str:
 
 
 def _bars(answer: Answer) -> str:
-    """Draws how many drives got which share of their outputs from local."""
+    """Draws the number of drives by the share of their outputs that came from local."""
     if not answer[1]:
         return ""
     greatest = max(drives for _, drives in answer[1])

@@ -46,7 +46,7 @@ FROM ranked GROUP BY {key}source ORDER BY {key}items DESC, source
 
 #: The questions by name.
 SUMMARIES = {
-    # One row: how much there is, and how much of it is well.
+    # One row: how much was judged, and how much of it conforms.
     "totals": """
 SELECT count(DISTINCT drive) AS drives, count(DISTINCT file) AS files,
   count(error) AS unreadable,
@@ -64,7 +64,7 @@ FROM verdicts
     # The sources whose results went out, and how long they took, in seconds.
     "sources": _SOURCES.format(key="", all=""),
     "operators": _SOURCES.format(key="operator, ", all="PARTITION BY operator"),
-    # The rules that are broken. Of a trace's violations only the first 100 have a rule here.
+    # The rules that are broken. Only the first 100 violations of a trace have a rule here.
     "rules": """
 SELECT rule, count(*) AS violations, count(DISTINCT drive) AS drives, max(late) AS latest
 FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rule

@@ -1,4 +1,4 @@
-"""A fleet on Ray Data: ``pip install fuseline[arrow] 'ray[data]'``."""
+"""Judges a fleet on Ray Data: ``pip install fuseline[arrow] 'ray[data]'``."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def judge(
 
     Args:
         paths: The traces' paths, as every node sees them.
-        files_per_task: How many traces a task judges.
+        files_per_task: The number of traces that a task judges.
         remote: Options of Ray's tasks, such as ``{"num_cpus": 0.5}``.
-        how: As for `fuseline.fleet.judge`.
+        how: The other arguments of `fuseline.fleet.judge`.
 
     Raises:
         ImportError: if Ray is not there.

@@ -1,4 +1,4 @@
-"""A fleet on Spark: ``pip install fuseline[arrow] pyspark``."""
+"""Judges a fleet on Spark: ``pip install fuseline[arrow] pyspark``."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def judge(
     Args:
         spark: The session.
         paths: The traces' paths, as every executor sees them.
-        files_per_task: How many traces a task judges.
-        how: As for `fuseline.fleet.judge`.
+        files_per_task: The number of traces that a task judges.
+        how: The other arguments of `fuseline.fleet.judge`.
     """
     fleet.check_how(**how)
     items = [(os.fspath(path),) for path in paths]
