@@ -40,8 +40,7 @@ pub(crate) type EngineEffect = engine::Effect<Py<PyAny>, Py<PyAny>>;
 pub(crate) type LineageFields =
     (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 
-/// How many calls of a cloud may be under way, how old its values may be, its linger and its
-/// policy.
+/// A cloud's greatest number of calls, the greatest age of its values, its linger and its policy.
 type CloudBounds<'py> = (usize, u64, Nanos, Option<Bound<'py, PyAny>>);
 
 /// The engine of one operator. Instants are nanoseconds of its clock, which begins with it.

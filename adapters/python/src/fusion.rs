@@ -31,13 +31,13 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 ///
 /// Args:
 ///     clouds: Up to 15, in any order.
-///     window: How many timestamps may be open at once, 1 to 1024.
-///     commit: When a result is forwarded although a better one is pending (F6, F9).
-///     operator: A name, for people.
-///     record: Whether `take_trace` gives the trace.
+///     window: The greatest number of timestamps that may be open at once, 1 to 1024.
+///     commit: Decides when a result is forwarded although a better one is pending (F6, F9).
+///     operator: The operator's name, for people.
+///     record: True to record the lines that `take_trace` returns.
 ///
 /// Raises:
-///     `ConfigError`: if there is no such machine.
+///     `ConfigError`: if no machine can have this configuration.
 ///
 /// >>> from fuseline import Cloud, Fusion
 /// >>> fusion = Fusion([Cloud(1)], window=16)
@@ -142,7 +142,7 @@ impl PyFusion {
         answer(slf, &Input::Offer { at: now.0, t: t.0, p: p.0, deadline, backlog })
     }
 
-    /// Takes the result of source `p` (F3). Source 0 is local.
+    /// Applies the result of source `p` (F3). Source 0 is local.
     #[pyo3(signature = (now, t, p))]
     fn result(
         slf: &Bound<'_, Self>,
@@ -153,7 +153,7 @@ impl PyFusion {
         answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
     }
 
-    /// Takes a failure: no result will come from source `p` (F4). Source 0 is local.
+    /// Reports that no result will come from source `p` (F4). Source 0 is local.
     #[pyo3(signature = (now, t, p))]
     fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Fail { at: now.0, t: t.0, p: p.0 })

@@ -55,8 +55,8 @@ pub(crate) struct PyReorderer {
 #[pyclass(name = "Gate", module = "fuseline._fuseline")]
 pub(crate) struct PyGate(Gate);
 
-/// Says how long an operator takes for a message, on board alone and with its clouds: stated, or
-/// measured while it runs.
+/// States how long an operator takes for a message, on board alone and with its clouds, or measures
+/// it while the operator runs.
 ///
 /// The operators upstream keep this much of an end-to-end deadline in reserve. Their local
 /// computations end before what this operator needs on board, and their requests before what it
@@ -93,7 +93,7 @@ impl PyAligner {
         Self { inner, names, aligned, clock: ClockOrigin::new(now) }
     }
 
-    /// Takes a message, or with no value the news that nothing follows.
+    /// Adds a message to its set. Without a value, the set keeps the input's earlier value.
     ///
     /// Returns why it was dropped, if it was.
     fn arrive(
@@ -150,7 +150,7 @@ impl PyAligner {
         self.inner.tick(self.clock.instant(at));
     }
 
-    /// Returns the next set that is to be given, with the latest messages that are fresh at `at`.
+    /// Returns the next set that is ready, with the latest messages that are not too old at `at`.
     fn next_set<'py>(&mut self, py: Python<'py>, at: u64) -> PyResult<Option<JoinedSet<'py>>> {
         let now = self.clock.instant(at);
         let Some(joined) = self.inner.next_set(now) else { return Ok(None) };

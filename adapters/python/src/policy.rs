@@ -46,7 +46,7 @@ pub(crate) enum LossFields {
     Function(Py<PyAny>),
 }
 
-/// How well a detector does, read from an object with these attributes.
+/// A detector's quality, read from an object with these attributes.
 pub(crate) struct DetectorFields {
     accuracy: Plain,
     overlap: Plain,

@@ -213,7 +213,7 @@ def compare(
 
     Args:
         trace: The trace, as for `fuseline.check`.
-        deadline: What an output's result has to beat.
+        deadline: The time before which an output's result must come to be in time.
         accuracies: The accuracy of each source, by its name: ``local`` or the cloud's.
         name: The trace's name in errors; by default its path.
 
@@ -232,7 +232,7 @@ def compare_responses(sources: Mapping[str, Responses], *, deadline: Duration) -
     Args:
         sources: The responses of each source by name: one of priority 0, which is local, and
             clouds.
-        deadline: What an output's result has to beat.
+        deadline: The time before which an output's result must come to be in time.
 
     Raises:
         ValueError: if local is missing, two sources have one priority, or they differ in length.

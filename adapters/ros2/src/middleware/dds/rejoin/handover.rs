@@ -1,7 +1,8 @@
-//! How it is known that peers have met the second participant.
+//! Finds out when peers have met the second participant.
 //!
-//! Discovery tells what this process has met. A peer may meet it seconds later, if an announcement
-//! is lost. Until then, the peer gets nothing from the second participant, and sends nothing to it.
+//! Discovery reports whom this process has met. A peer may meet this process seconds later, if an
+//! announcement is lost. Until then, the peer gets nothing from the second participant, and sends
+//! nothing to it.
 
 use std::sync::Arc;
 use std::time::Duration;
