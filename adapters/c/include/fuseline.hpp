@@ -692,8 +692,8 @@ class Operator {
   }
 
   // Ends the open messages, the oldest first. Everything pending fails, so each message is forwarded with its
-  // best available result, or missed; under Commit::progressive its last output becomes final. The operator
-  // can still be used afterwards. Returns false if the machine could not be called.
+  // best available result, or missed. Under Commit::progressive its last output, if there is one, becomes
+  // final. The operator can still be used afterwards. Returns false if the machine could not be called.
   bool drain() {
     return concluded(
                [&] {

@@ -339,8 +339,9 @@ impl<V, R> Engine<V, R> {
         self.effects.pop()
     }
 
-    /// Returns the earliest instant, in ns, at which [`tick`](Self::tick) has something to do: a
-    /// timer is due, a call has lingered long enough, or a computation counts as lost.
+    /// Returns the earliest instant, in ns, at which to [`tick`](Self::tick): a timer is due, a
+    /// call has lingered long enough, or a computation counts as lost. If results can be lost on
+    /// the way, a lost computation counts only while another one waits.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due().into_iter().chain(self.sources.next_due()).min()
