@@ -36,7 +36,7 @@ pub struct Expected<L, const WINDOW: usize = 64> {
 /// A deadline and its mean loss.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Choice {
-    /// The deadline.
+    /// The deadline, counted from the capture of the message.
     pub deadline: Duration,
     /// The mean loss of a message.
     pub loss: f64,

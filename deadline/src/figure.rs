@@ -6,7 +6,8 @@ use crate::invalid::Invalid;
 use crate::span::Span;
 use crate::units::Quantity;
 
-/// A figure from which a policy is made.
+/// A figure from which a policy is made. [`unit`](Self::unit) names its unit, and
+/// [`plausible`](Self::plausible) its range.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Figure {
     /// The vehicle's deceleration.
@@ -21,7 +22,7 @@ pub enum Figure {
     LocalResponse,
     /// The lateness of an output.
     Lateness,
-    /// The margin.
+    /// The distance to keep from an obstacle where local alone stops anyway.
     Margin,
     /// The weight of a class of hazards.
     Weight,

@@ -79,7 +79,7 @@ pub enum End {
 /// A deadline and the reason for it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Chosen {
-    /// The deadline.
+    /// The deadline, counted from the capture of the message.
     pub deadline: Duration,
     /// The reason for it.
     pub reason: Reason,

@@ -37,7 +37,7 @@ pub struct Survival<'a, I: Iterator<Item = Observation>> {
 /// A response that was observed.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Step {
-    /// The response.
+    /// The response: the age at which results came.
     pub response: Duration,
     /// The share of calls whose results came at exactly this response.
     pub mass: f64,

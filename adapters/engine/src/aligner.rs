@@ -74,7 +74,7 @@ pub struct LatestInput {
 pub struct Joined<S> {
     /// The key that its messages share, which is usually the origin's timestamp.
     pub key: u64,
-    /// The messages.
+    /// The messages, as the inputs' `put` functions stored them.
     pub set: S,
     /// The inputs that contributed no message.
     pub missing: Vec<Arc<str>>,
@@ -135,7 +135,7 @@ impl JoinDropReason {
 /// A message that arrives for a set.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinArrival<'a> {
-    /// The input's index.
+    /// The index of the aligned input, in the order in which the inputs were given.
     pub input: usize,
     /// The key that the message shares with the others of its set.
     pub key: Option<u64>,

@@ -81,7 +81,7 @@ pub struct SourceTally {
 /// A deadline, and what chose it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct CurrentDeadline {
-    /// The deadline.
+    /// The deadline, counted from the request.
     pub deadline: Duration,
     /// The reason why a policy chose it; `None` if it is as it was offered.
     pub reason: Option<Reason>,

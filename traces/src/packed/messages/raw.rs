@@ -53,7 +53,7 @@ pub struct PayloadSchema {
     pub name: String,
     /// The schema's encoding, such as `ros2msg` or `protobuf`.
     pub encoding: String,
-    /// The definition.
+    /// The definition of the type, in that encoding.
     pub data: Vec<u8>,
 }
 
