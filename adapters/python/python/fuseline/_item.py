@@ -207,7 +207,7 @@ _set_timestamp, _set_deadline, _set_lineage, _set_age = (
 class CurrentDeadline(NamedTuple):
     """Holds a cloud's deadline and the reason for it."""
 
-    #: The deadline.
+    #: The deadline, counted from the request.
     deadline: ns
     #: ``offered`` without a policy, and otherwise the policy's reason. For a guard it is the case:
     #: ``local-stops``, ``cloud-alone`` or ``unsure``.

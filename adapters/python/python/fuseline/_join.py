@@ -92,7 +92,7 @@ class Joined:
 class JoinDrop:
     """Names a message that a join did not use."""
 
-    #: The input.
+    #: The name of the input.
     input: str
     #: The key by which it would have been joined.
     key: int | None

@@ -72,7 +72,7 @@ DoubtKind: TypeAlias = Literal[
 class Doubt:
     """Reports one kind of doubt: what the judge could not see."""
 
-    #: The kind.
+    #: The kind of doubt.
     kind: DoubtKind
     #: The number of messages, requests or lines in doubt.
     count: int

@@ -121,7 +121,7 @@ class Situation:
 class Chosen:
     """Holds a deadline and the reason for it."""
 
-    #: The deadline.
+    #: The deadline of the next request.
     deadline: ns
     #: The reason for the deadline.
     reason: Reason
@@ -243,7 +243,7 @@ class Assessment:
     budget_local: float
     #: The time after capture until which the cloud's results may suffice to stop, in seconds.
     budget_cloud: float
-    #: The case.
+    #: The case of the guard that holds.
     case: Case
     #: The longest deadline that is safe.
     deadline: ns
@@ -253,7 +253,7 @@ class Assessment:
 class Observation:
     """Counts the calls that were observed until the same age."""
 
-    #: The age.
+    #: The age at which they were answered, or until which they were observed.
     response: ns
     #: True if the results came at that age. Otherwise they had not come by then.
     is_answered: bool
@@ -264,7 +264,7 @@ class Observation:
 class Step(NamedTuple):
     """Holds one step of the estimate: a response that was observed."""
 
-    #: The response.
+    #: The response: the age at which results came.
     response: ns
     #: The share of calls answered exactly then.
     mass: float

@@ -48,9 +48,10 @@ class Output(NamedTuple):
 
     #: The source's priority; 0 is local.
     p: int
-    #: Its name.
+    #: The source's name.
     source: str
-    #: The greatest time from the message to the output, in seconds. It is exact to a 32nd.
+    #: The greatest time from a message to its output, in seconds. It is rounded up by at most a
+    #: 32nd.
     seconds: float
     #: The number of outputs.
     items: int
