@@ -290,7 +290,7 @@ fn names() -> String {
     names.join(", ")
 }
 
-/// Returns the column of `network`, or the only one that there is.
+/// Returns the column of `network`. If no network is named, returns the only column of round trips.
 fn find_network(
     file: &str,
     network: Option<&str>,

@@ -8,8 +8,8 @@ const POWERS: [u32; 7] = [4, 8, 16, 31, 32, 53, 63];
 /// A step usually looks back at most this many timestamps or requests.
 const RECENT: usize = 12;
 
-/// Returns the first timestamp of a run: 0, a small one, or one at which a number of fewer bits
-/// ends.
+/// Returns the first timestamp of a run. It is 0, a small number, or a number at which an integer
+/// of fewer bits ends.
 pub(super) fn first_timestamp(draw: &mut Draw) -> u64 {
     match draw.between(0, 15) {
         0..7 => 0,

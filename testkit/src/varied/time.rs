@@ -30,8 +30,8 @@ pub(super) struct TimeScale {
 }
 
 impl TimeScale {
-    /// Returns the scale of a run, which begins at 0, at any instant, or before one at which a
-    /// clock of fewer bits would wrap.
+    /// Returns the scale of a run. The run begins at 0, at any instant, or before an instant at
+    /// which a clock of fewer bits would wrap.
     pub(super) fn draw(draw: &mut Draw) -> Self {
         let scale = SCALES[draw.index(SCALES.len())];
         let start = match draw.between(0, 15) {

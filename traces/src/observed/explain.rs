@@ -249,8 +249,8 @@ impl ObservedFacts {
         covers(pending, self.open, at)
     }
 
-    /// Returns the latest instant until which a source can be pending, given those above it, or
-    /// `None` if it cannot be in the state that it must have.
+    /// Returns the latest instant until which a source can be pending, given the sources above it.
+    /// Returns `None` if it cannot be in the state that it must have.
     fn lasts(
         &self,
         q: usize,

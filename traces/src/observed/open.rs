@@ -324,8 +324,8 @@ impl OpenMessageHistory {
     ///
     /// A line may come `2T` after its turn, and its true instant may be `T` off. If the last output
     /// came, whatever is observed later comes after the retirement. Otherwise the timestamp is
-    /// closed when every timer must have been served and every output must have come, so that it
-    /// either stays open or has no explanation.
+    /// closed when every timer must have been served and every output must have come. From then on
+    /// it either stays open or has no explanation.
     pub(super) fn closed_from(&self, commit: Commit, slack: &SourceSlack) -> u64 {
         let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);

@@ -2,12 +2,12 @@
 //! rule (F9).
 //!
 //! An explanation is one under patient in which each accepted result that outranks all before it is
-//! sent when it comes (P13). So what `explain` says of patient holds here too: requests come as
+//! sent when it comes (P13). So what `explain` says of patient holds here too. Requests come as
 //! early as they can, and each source is pending as long as it can be. A source whose output was
 //! observed sends it at an instant that fits. Any other source must not send so early that the
 //! trace would show it:
 //!
-//! - **Pending until it is outranked or closed** is best: nothing else ends earlier because of it,
+//! - **Pending until it is outranked or closed** is best. Nothing else ends earlier because of it,
 //!   and while a source that outranks it is pending, nothing is retired.
 //! - **Sent unseen**, as late as it can, is the second choice: whatever it outranks ends then.
 //! - **Otherwise it must be outranked in time.** The next observed source above it must then send
@@ -15,8 +15,8 @@
 //!
 //! So the latest course of each source, from the highest down, is best for all sources below it. If
 //! a `final` was observed, the last output is tried as the retirement at each instant at which
-//! something becomes possible: for `n` clouds at most `3n + 4` instants, each in O(`n`³) steps. If
-//! none was observed, one try suffices, or one for each source if there is no output.
+//! something becomes possible. For `n` clouds these are at most `3n + 4` instants, each in O(`n`³)
+//! steps. If none was observed, one try suffices, or one for each source if there is no output.
 
 use super::explain::{InstantRange, LAST, NEVER, ObservedFacts, WideInstant, reach};
 
@@ -139,8 +139,8 @@ impl ProgressiveFacts {
         (from <= at).then_some(at)
     }
 
-    /// Returns the instant until which a source that does not send can be pending: until it is
-    /// outranked, if it may stay this long, or is closed.
+    /// Returns the instant until which a source that does not send can be pending. It is pending
+    /// until it is outranked, if it may stay that long, or until it is closed.
     fn unsent(&self, q: usize, outranked: WideInstant, may_stay: bool) -> Option<WideInstant> {
         let source = &self.facts.sources[q];
         if may_stay && outranked.max(source.requested) <= source.lasts() {

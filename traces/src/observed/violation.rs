@@ -1,5 +1,5 @@
 //! Decides what to report for a timestamp that has no explanation: the rule or promise that is
-//! broken, and what was allowed.
+//! broken, and the outputs that were allowed.
 
 mod progressive;
 

@@ -19,7 +19,7 @@ use crate::grpc::server::connection_watch::ConnectionWatch;
 /// stalled.
 const PIECE: usize = 64 * 1024;
 
-/// The number of bytes that one call's request holds. They are given back when its body and its
+/// The number of bytes that one call's request takes. They are given back when its body and its
 /// handler are dropped.
 pub(crate) struct RequestMemory {
     watch: Arc<ConnectionWatch>,
