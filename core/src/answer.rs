@@ -75,7 +75,7 @@ pub enum OfferRefusal {
     Closed,
     /// This cloud was already requested for this timestamp.
     Duplicate,
-    /// A result that outranks this cloud is already available.
+    /// A result that outranks this cloud is held or, under the progressive rule, was sent last.
     Outranked,
     /// The due instant is not later than now.
     Deadline,
@@ -139,8 +139,8 @@ pub enum Outcome<const CLOUDS: usize> {
 pub enum DropReason {
     /// No source has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown,
-    /// The timestamp is not open: it was forwarded, missed or never opened. Under the progressive
-    /// rule this also means that the last output outranks the source.
+    /// The timestamp is not open: it was retired, or it was never opened although a later one was.
+    /// Under the progressive rule this also means that the last output outranks the source.
     Superseded,
     /// The source was not requested for this timestamp.
     Unsolicited,
