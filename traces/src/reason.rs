@@ -23,7 +23,7 @@ pub enum OfferRefusal {
     Closed,
     /// This cloud was already requested for this timestamp.
     Duplicate,
-    /// A better result is available.
+    /// A better result is held or, under progressive, was sent last.
     Outranked,
     /// The due instant would not be later than now.
     Deadline,
@@ -40,7 +40,7 @@ pub enum DropReason {
     Superseded,
     /// The source was never requested for this timestamp.
     Unsolicited,
-    /// The source's result is already available.
+    /// The source's result is already held or, under progressive, was sent last.
     Duplicate,
     /// The request was closed by its timer or a failure.
     Late,

@@ -54,7 +54,7 @@ pub const CLOUDS: usize = 15;
 ///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
-    /// The machine is boxed because the largest takes 178 KiB.
+    /// The machine is boxed because the largest takes 190 KiB.
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
 

@@ -255,8 +255,9 @@ impl<V, R> Engine<V, R> {
 
     /// Applies a source's result (F3).
     ///
-    /// A value that was computed from a message outside the source's `max_age` counts as a failure
-    /// (D2, F4). So does a value that is meant for another message (D18).
+    /// A value counts as a failure if it was computed from a later message, or from an older one
+    /// than the source's `max_age` allows (D2, F4). So does a value that is meant for another
+    /// message (D18).
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: impl Into<StampedValue<V>>) {
         let value = value.into();
         let ValueKeys { of, meant_for } = value.keys();

@@ -33,16 +33,16 @@ class _Word(str, Enum):
 class Commit(_Word):
     """Says when a result is forwarded although a better one is pending (F6, F9)."""
 
-    #: As soon as any cloud's timer fires.
+    #: Forwards the best available result as soon as any cloud's timer fires.
     EAGER = "eager"
-    #: Once no better result can come.
+    #: Forwards the best available result once no better result can come.
     PATIENT = "patient"
-    #: At once, if it is better than those before it. Better ones may follow.
+    #: Forwards each result that is better than the ones before it at once. Better ones may follow.
     PROGRESSIVE = "progressive"
 
 
 class OpenRefusal(_Word):
-    """Says why an open was refused; the first reason that holds, in this order (F1)."""
+    """Says why an open was refused. The first reason that holds counts, in this order (F1)."""
 
     #: This timestamp or a later one was opened before.
     ORDER = "order"
@@ -53,7 +53,7 @@ class OpenRefusal(_Word):
 
 
 class OfferRefusal(_Word):
-    """Says why an offer was refused; the first reason that holds, in this order (F2)."""
+    """Says why an offer was refused. The first reason that holds counts, in this order (F2)."""
 
     #: No such cloud is registered, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
@@ -61,7 +61,7 @@ class OfferRefusal(_Word):
     CLOSED = "closed"
     #: The cloud was already requested for this timestamp.
     DUPLICATE = "duplicate"
-    #: An available result outranks whatever this cloud would return.
+    #: A result that is held or, under progressive, was sent last outranks this cloud.
     OUTRANKED = "outranked"
     #: The due instant is not after now.
     DEADLINE = "deadline"
@@ -70,16 +70,16 @@ class OfferRefusal(_Word):
 
 
 class DropReason(_Word):
-    """Says why a result or failure was dropped; the first reason that holds (F3, F4)."""
+    """Says why a result or failure was dropped. The first reason that holds counts (F3, F4)."""
 
     #: No such source is registered, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
-    #: The timestamp is not open: it was forwarded, missed or skipped. Under progressive this also
-    #: means that the last output outranks the source.
+    #: The timestamp is not open: it was retired or skipped. Under progressive this also means that
+    #: the last output outranks the source.
     SUPERSEDED = "superseded"
     #: The source was not requested for this timestamp.
     UNSOLICITED = "unsolicited"
-    #: The source's result is available already.
+    #: The source's result is already held or, under progressive, was sent last.
     DUPLICATE = "duplicate"
     #: The request was closed by its timer or by a failure.
     LATE = "late"
@@ -96,7 +96,7 @@ class Cloud:
     #: The number of queued requests at or below which the gate opens again; less than the limit, by
     #: default one less.
     resume: int | None = None
-    #: For people.
+    #: The cloud's name, for people.
     name: str | None = None
 
 
