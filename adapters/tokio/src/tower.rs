@@ -90,8 +90,8 @@ where
     Req: Clone + Send + Sync + 'static,
     Res: Send + Sync + Clone + 'static,
 {
-    /// Creates a layer with a service on board. It is never cancelled (F7), and its answer is sent
-    /// if no better one comes by the deadlines.
+    /// Creates a layer with a service on board. Its answer is sent if no better one comes by the
+    /// deadlines. Its call is dropped once the request is answered, or its caller no longer waits.
     pub fn new<S>(local: S) -> Self
     where
         S: Service<Req, Response = Res> + Clone + Send + 'static,
