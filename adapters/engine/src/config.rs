@@ -95,8 +95,8 @@ pub enum EngineConfigError {
         /// The cloud's name.
         cloud: String,
     },
-    /// A policy learns only from calls that linger, but this cloud's calls do not linger. The
-    /// policy would never again wait for a cloud that was gone.
+    /// A policy learns of longer deadlines only from calls that linger, but this cloud's calls do
+    /// not linger. The policy would never again wait for a cloud that was gone.
     Linger {
         /// The cloud's name.
         cloud: String,
