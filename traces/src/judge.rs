@@ -1,19 +1,19 @@
 //! The strict judge: compares a trace with the reference machine, decision by decision.
 //!
-//! [`Judge`] applies each input to a reference machine whose sets are bits, and compares the
-//! recorded decisions with the demanded ones. The lines of a concurrent implementation have no
+//! [`Judge`] applies each input to the [`Reference`] machine, and compares the recorded decisions
+//! with the demanded ones. The lines of a concurrent implementation have no
 //! single order; [`observed`](crate::observed) judges their traces.
 
+use std::collections::BTreeSet;
 use std::io::BufRead;
 
 use crate::annotations::{Annotations, HeaderAnnotations, ValueKeys, allowed_values, meant_value};
-use crate::compact::CompactReference;
 use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
 use crate::recent::RecentLines;
-use crate::reference::ExpectedDecisions;
+use crate::reference::{ExpectedDecisions, Reference};
 use crate::rule::Rule;
 use crate::values::HeldValues;
 use crate::verdict::{Verdict, Violation, ViolationPlace};
@@ -26,7 +26,9 @@ use crate::verdict::{Verdict, Violation, ViolationPlace};
 /// alone. Its memory is bounded by the window, not by the trace's length.
 #[derive(Debug)]
 pub struct Judge {
-    reference: CompactReference,
+    reference: Reference,
+    /// The open timestamps for which a result or a failure came.
+    touched: BTreeSet<u64>,
     /// The decisions that the rules demand for the input read last.
     demands: ExpectedDecisions,
     /// The number of demands that were met.
@@ -66,7 +68,8 @@ impl Judge {
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
         Self {
-            reference: CompactReference::new(header),
+            reference: Reference::new(header),
+            touched: BTreeSet::new(),
             demands: ExpectedDecisions::new(),
             met: 0,
             input: None,
@@ -132,7 +135,7 @@ impl Judge {
     #[must_use]
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
-        self.verdict.judged += self.reference.touched_len() as u64;
+        self.verdict.judged += self.touched.len() as u64;
         // A timestamp that is open without a timer waits for local (P7).
         let answered = self.answered;
         let is_passed = |t: u64| answered.is_some_and(|answered| t < answered);
@@ -183,6 +186,7 @@ impl Judge {
                 Decision::Emit { t, .. } | Decision::Final { t, .. } | Decision::Miss { t, .. } => {
                     self.answered = self.answered.max(Some(*t));
                     self.verdict.judged += 1;
+                    self.touched.remove(t);
                 }
                 Decision::Timer { .. }
                 | Decision::RefuseOpen { .. }
@@ -193,8 +197,10 @@ impl Judge {
                 | Decision::Cancel { .. } => {}
             }
         }
-        if let Input::Result { t, .. } | Input::Fail { t, .. } = input {
-            self.reference.touch(*t);
+        if let Input::Result { t, .. } | Input::Fail { t, .. } = input
+            && self.reference.is_open(*t)
+        {
+            self.touched.insert(*t);
         }
     }
 

@@ -2,7 +2,6 @@
 
 mod annotations;
 mod canonical;
-mod compact;
 pub mod corpus;
 mod doubt;
 mod duration;

@@ -358,6 +358,11 @@ impl Reference {
         self.open.contains_key(&t)
     }
 
+    /// Returns the open timestamps, each with `true` if it has a live timer.
+    pub(crate) fn waiting(&self) -> impl Iterator<Item = (u64, bool)> {
+        self.open.iter().map(|(t, open)| (*t, !open.armed.is_empty()))
+    }
+
     /// Returns `true` if `t` or a later timestamp was ever opened.
     #[must_use]
     fn was_reached(&self, t: u64) -> bool {
