@@ -633,8 +633,8 @@ uint32_t fuseline_own_capacity(void);
 /**
  * Returns a deadline of `count` units of `unit` nanoseconds each, as in
  * fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which every machine
- * refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit; a machine
- * refuses that unless it is its greatest deadline.
+ * refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit. A machine
+ * refuses that too, unless its greatest deadline is UINT64_MAX.
  */
 FUSELINE_CHECKED uint64_t fuseline_deadline(int64_t count, uint64_t unit);
 

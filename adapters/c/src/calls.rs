@@ -57,8 +57,8 @@ pub extern "C" fn fuseline_own_capacity() -> u32 {
 
 /// Returns a deadline of `count` units of `unit` nanoseconds each, as in
 /// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which every machine
-/// refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit; a machine
-/// refuses that unless it is its greatest deadline.
+/// refuses, if `count` is negative. Returns UINT64_MAX if the product does not fit. A machine
+/// refuses that too, unless its greatest deadline is UINT64_MAX.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
