@@ -140,8 +140,8 @@ impl Guard {
             time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
         };
         // `reveal` does not cap this range. An obstacle that came into sight a frame ago was
-        // further away, and local may be about to stop for it. It may not stop for an obstacle that
-        // comes into sight from now on.
+        // further away, and local may be about to stop for it. Local may be unable to stop for an
+        // obstacle that comes into sight from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
         HazardTimes { local, lost, cloud }
