@@ -61,7 +61,7 @@ impl Timer {
         }
     }
 
-    /// Returns `true` if the timer went off, once for each time that it was set.
+    /// Is ready when the timer has gone off, once for each time that it was set.
     pub(super) fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
         match self {
             Self::Tokio(sleep) => sleep.as_mut().poll(context),
