@@ -455,8 +455,8 @@ class Operator(Setup[M, V], Generic[M, V]):
 
         - ``"message"``: ``"accepted"``, ``"missed"``, ``"refused full"`` and so on, and
           ``"not taken"`` for messages from another thread or a stream that were lost.
-        - ``"request"``: ``"admitted"``, ``"refused queue"`` and so on, and ``"lost"`` for
-          computations that never ended.
+        - ``"request"``: ``"admitted"``, ``"refused queue"`` and so on, and ``"lost"`` for local's
+          computations that ran past their deadline.
         - ``"failed because"``: each of a source's last eight reasons, and ``"other reasons"``.
         - ``"handler"``: ``"failed"`` and ``"held up the loop"``; ``"policy"``: ``"failed"``.
         - ``"timer"``: ``"late"``.
