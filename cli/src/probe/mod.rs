@@ -5,11 +5,11 @@
 
 mod client;
 mod figures;
-mod live;
 mod log;
 mod options;
 mod pace;
 mod plots;
+mod progress;
 mod recording;
 mod row;
 mod server;
@@ -32,8 +32,8 @@ use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Growing};
 use crate::probe::client::{Schedule, drive};
-use crate::probe::live::ProbeProgress;
 use crate::probe::log::ProbeLog;
+use crate::probe::progress::ProbeProgress;
 use crate::probe::row::SlotRows;
 use crate::probe::summary::ProbeSummary;
 use crate::run::served::Served;

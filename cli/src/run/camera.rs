@@ -17,11 +17,11 @@ use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::link::EmulatedLink;
 use crate::run::deadlines::RunDeadlines;
-use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
-use crate::run::live::{RunProgress, recording_error};
+use crate::run::metadata::RunMetadata;
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
+use crate::run::progress::{RunProgress, recording_error};
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
 /// The origin of the camera's frames in the trace.

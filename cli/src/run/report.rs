@@ -18,7 +18,7 @@ use fuseline_traces::{Doubt, DoubtKind, Event, Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::run::driven::RunMetadata;
+use crate::run::metadata::RunMetadata;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
 use crate::run::sent::SentBytes;

@@ -1,4 +1,4 @@
-//! The result of driving the camera.
+//! [`RunMetadata`]: what a run leaves beside its trace.
 
 use fuseline_tokio::Tally;
 
