@@ -97,9 +97,9 @@ pub(crate) struct Args {
 /// The reason why a file cannot be followed.
 #[derive(Debug, Error)]
 enum FollowError {
-    #[error("--follow watches one file; give it one that is not standard input")]
+    #[error("--follow watches one file, which cannot be standard input; name the file")]
     NotOne,
-    #[error("{0}: packed; --follow watches a plain file, check it without --follow")]
+    #[error("{0}: this file is packed, and --follow needs a plain one; check it without --follow")]
     Packed(String),
 }
 

@@ -38,16 +38,18 @@ that keeps the guarantee is used. The vehicle brakes when three frames in a row 
 rest. Every frame goes to local and to the cloud, outputs leave at most 5 ms after they are due, and the
 vehicle keeps 2 m from the obstacle if local alone stops.
 
-guard is the longest deadline with which no obstacle is hit that local alone would not have hit, if
-local sees it from its range on and the cloud reports whatever local would:
+guard is the longest safe deadline: the vehicle hits no obstacle that it would not hit with local
+alone. This assumes that local sees the obstacle from its range on, and that the cloud reports whatever
+local would:
   case 1  local alone certainly stops: as long as that remains true
   case 2  local alone certainly does not stop: as long as the cloud might
   case 3  neither is certain: no later than local alone
 expected is the deadline of least mean loss up to guard. The loss is the square of the speed at impact,
 in m²/s². With --class it is the mean over the classes, by weight.
 
---calls is CSV with the columns response_s, answered (1: the result came then; 0: the call was
-given up then, inf: it failed) and, optionally, count. Without it every call counts as late.
+--calls is CSV with the columns response_s, answered and, optionally, count. If answered is 1, the
+result came after response_s. If it is 0, the call was given up then, or failed if response_s is inf.
+Without --calls every call counts as late.
 
 Exit code 0 when done, 2 if a figure is not plausible.
 
@@ -63,7 +65,7 @@ pub(crate) struct Args {
     /// The policy that chooses the deadline.
     #[arg(long, default_value = "guard")]
     policy: PolicyArgument,
-    /// A file with the ends of the cloud's calls; - is standard input.
+    /// A file with the outcomes of the cloud's calls; - is standard input.
     #[arg(long, value_name = "FILE")]
     calls: Option<PathBuf>,
     /// The deceleration of full braking, in m/s².
@@ -115,7 +117,7 @@ enum PolicyArgument {
 enum DeadlineError {
     #[error("{invalid}; change {options}")]
     Invalid { invalid: Invalid, options: &'static str },
-    #[error("{file}: no calls below its first row; give some, or omit --calls")]
+    #[error("{file}: there are no calls below the first row; give some, or omit --calls")]
     Nothing { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
@@ -273,7 +275,7 @@ pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fau
     let places = COLUMNS.map(|column| names.iter().position(|name| name == column));
     let [Some(response), Some(answered), count] = places else {
         let missing = if places[0].is_none() { COLUMNS[0] } else { COLUMNS[1] };
-        let message = format!("no column {missing:?}; the first row names the columns");
+        let message = format!("there is no column {missing:?}; name it in the first row");
         return Err(fault(1, message).into());
     };
     let mut observed = Vec::new();

@@ -20,13 +20,13 @@ const BYTES: u64 = 1 << 20;
 pub(crate) enum FileError {
     #[error("{path}: {}; give a file that can be read", plain(.source))]
     Read { path: PathBuf, source: io::Error },
-    #[error("{path}: more than 1 MiB; give a certificate, a key or a token")]
+    #[error("{path}: the file has more than 1 MiB; give a certificate, a key or a token")]
     TooLarge { path: PathBuf },
     #[error("{path}: {source}")]
     Token { path: PathBuf, source: InvalidToken },
-    #[error("{path}: no certificate in it; give one as PEM{}", hint(.found))]
+    #[error("{path}: the file has no certificate; give one in PEM{}", hint(.found))]
     NoCertificate { path: PathBuf, found: Vec<u8> },
-    #[error("{path}: no private key in it; give one as PEM{}", hint(.found))]
+    #[error("{path}: the file has no private key; give one in PEM{}", hint(.found))]
     NoKey { path: PathBuf, found: Vec<u8> },
     #[error("a certificate needs its key and a key its certificate; give both")]
     Half,

@@ -49,7 +49,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
         }
         let fault = |message, column| Fault::own(LineError { line: number, column, message });
         let Some(text) = line.strip_suffix(b"\n") else {
-            let message = "a line that does not end in LF, or is over 64 KiB".to_owned();
+            let message = "the line does not end in LF, or is longer than 64 KiB".to_owned();
             return Err(fault(message, line.len() as u64 + 1));
         };
         match (parse_annotated(text), &mut arbiter) {
@@ -63,10 +63,16 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
                 answers.decide(arbiter, &input, &keys, &mut answer);
             }
             (Ok((Line::Event(Event::Input(_)), _)), None) => {
-                return Err(fault("an input before any header".to_owned(), 1));
+                return Err(fault(
+                    "the input comes before any header; begin with a header".to_owned(),
+                    1,
+                ));
             }
             (Ok((Line::Event(Event::Decision(_)), _)), _) => {
-                return Err(fault("a decision; give a header and inputs".to_owned(), 1));
+                return Err(fault(
+                    "the line is a decision; give a header and inputs".to_owned(),
+                    1,
+                ));
             }
             (Err(error), _) => return Err(fault(error.message, error.column)),
         }

@@ -286,7 +286,7 @@ enum ToleranceError {
     None,
     #[error("--tolerance without a source is given twice; give it once")]
     Twice,
-    #[error("{file}: no source {name:?} for --tolerance; the header has {known}")]
+    #[error("{file}: the header has no source {name:?}, which --tolerance names; it has {known}")]
     Unknown { file: String, name: String, known: String },
 }
 
@@ -343,7 +343,7 @@ fn doubted((found, is_cut): (Verdict, bool), cut: Option<u64>) -> Verdict {
     let what = match cut {
         Some(line) => format!("line {line} is cut short and was ignored"),
         None if is_cut => {
-            format!("the trace ends with line {}, before all that was decided then", found.lines)
+            format!("the trace ends with line {}, before the last decisions", found.lines)
         }
         None => return found,
     };

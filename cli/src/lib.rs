@@ -94,7 +94,7 @@ enum Command {
     Check(check::Args),
     /// Make a trace from what other tools recorded: CSV, JSON lines, MCAP or a bag of ROS 2.
     Convert(convert::Args),
-    /// Write a trace for ui.perfetto.dev or for Foxglove.
+    /// Write a trace for ui.perfetto.dev, Foxglove or OpenTelemetry.
     Export(export::Args),
     /// Drive another implementation through the corpus and generated runs, and judge it.
     #[cfg(unix)]

@@ -49,13 +49,13 @@ pub(crate) struct Overwrite {
 /// The reason why a path cannot be written.
 #[derive(Debug, Error)]
 enum OutputError {
-    #[error("{0}: a directory; name a file in it")]
+    #[error("{0}: this is a directory; name a file in it")]
     Directory(String),
-    #[error("{0}: a device or a pipe, which cannot be read again; name a file")]
+    #[error("{0}: this is a device or a pipe, which cannot be read again; name a file")]
     Special(String),
-    #[error("{0}: a link to a file that is not there; name the file itself")]
+    #[error("{0}: this is a link to a file that does not exist; name the file itself")]
     Dangling(String),
-    #[error("{0}: another run writes to it; name another file")]
+    #[error("{0}: another run is writing to it; name another file")]
     Busy(String),
     #[error("{0}: it exists; name another file, or replace it with --force")]
     Exists(String),

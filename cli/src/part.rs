@@ -22,7 +22,7 @@ pub(crate) struct PartOptions {
     /// Only messages that begin before this time after the trace's first instant, such as 2m.
     #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
     to: Option<Duration>,
-    /// Only messages with these timestamps, with the first and the last; either end may be omitted.
+    /// Only messages with timestamps from FIRST to LAST, both included; either end may be omitted.
     #[arg(long, value_name = "FIRST..LAST", value_parser = timestamps)]
     timestamps: Option<(u64, u64)>,
 }

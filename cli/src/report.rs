@@ -71,7 +71,7 @@ const WATCH: Duration = Duration::from_millis(500);
 
 /// `--watch` was used without names of files.
 #[derive(Debug, Error)]
-#[error("--watch reads traces again and writes the page again; name files for both")]
+#[error("--watch reads the traces and writes the page many times; name files for both")]
 struct WatchError;
 
 /// Judges each trace and writes the page once all are read.

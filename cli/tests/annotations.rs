@@ -178,7 +178,8 @@ fn a_tolerance_may_be_that_of_one_source() {
     assert_eq!(code(&["--tolerance", "server=10ms", "--tolerance", "2=1us"]).0, Some(0));
     assert_eq!(code(&["--tolerance", "local=10ms"]).0, Some(2));
     let (exit, message) = code(&["--tolerance", "west=10ms"]);
-    let expected = "stdin: no source \"west\" for --tolerance; the header has local, server, 2";
+    let expected = "stdin: the header has no source \"west\", which --tolerance names; it has \
+                    local, server, 2";
     assert!(exit == Some(2) && message.contains(expected), "{message}");
     let (exit, message) = code(&["--tolerance", "3ms"]);
     assert!(exit == Some(2) && message.contains("is given twice; give it once"), "{message}");

@@ -114,7 +114,7 @@ fn clouds_may_stand_in_a_file() {
     assert!(reported.contains("0 local  mine                        60.0 ms"), "{reported}");
     assert!(reported.contains("the given runtimes"), "{reported}");
     // Each has an AP, so that nothing is unknown.
-    assert!(!reported.contains("? is not known"), "{reported}");
+    assert!(!reported.contains("A ? under mean AP"), "{reported}");
 
     let both = [&args[..], &["--cloud", "name=a,priority=1,url=http://h"]].concat();
     assert_eq!(run(&both, "").status.code(), Some(2));

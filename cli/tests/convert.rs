@@ -94,7 +94,7 @@ fn a_row_that_is_none_is_reported_with_its_line_and_writes_nothing() {
         (
             "soon,result,7,0,,",
             4,
-            "column \"stamp_ms\": \"soon\" is no instant; it takes a number of ms,",
+            "column \"stamp_ms\": \"soon\" is not an instant; write a number of ms,",
         ),
         ("40,result,-7,0,,", 4, "column \"t\": \"-7\" is a negative number"),
         ("40,result", 4, "2 cells, where the first row has 6"),
@@ -117,9 +117,13 @@ fn a_row_that_is_none_is_reported_with_its_line_and_writes_nothing() {
     let dir = folder(ROWS);
     let header = dir.path().join("header.jsonl").display().to_string();
     let unnamed = run(&["convert", "--from", "csv", "--header", &header, "-"], "a,b\n1,2\n");
-    assert!(err(&unnamed).contains("stdin:2: no key \"ev\"; name it with"), "{}", err(&unnamed));
+    assert!(
+        err(&unnamed).contains("stdin:2: this row has no key \"ev\"; name it with"),
+        "{}",
+        err(&unnamed)
+    );
     let headless = run(&["convert", "--from", "csv", "-"], "at,ev\n1,tick\n");
-    assert!(err(&headless).contains("give one with --header"), "{}", err(&headless));
+    assert!(err(&headless).contains("give --header FILE"), "{}", err(&headless));
     assert_eq!(run(&["convert", "what"], "").status.code(), Some(2));
 }
 
@@ -186,7 +190,7 @@ fn a_recording_without_a_header_loses_no_event() {
     let converted = run(&["convert", "--header", header, path], "");
     assert_eq!((out(&converted), err(&converted)), (TRACE, ""));
     let refused = run(&["convert", path], "");
-    assert!(err(&refused).contains("give one with --header"), "{}", err(&refused));
+    assert!(err(&refused).contains("give --header FILE"), "{}", err(&refused));
 }
 
 #[test]
@@ -221,7 +225,7 @@ fn a_message_that_is_none_and_a_file_cut_short_are_reported() {
     let whole = recording(None, &lines);
     let printed = refused(&whole, &[]);
     assert!(printed.contains("drive.mcap: message 3: column"), "{printed}");
-    assert!(refused(&whole, &["--topic", "/none"]).contains("no message of topic /none"));
+    assert!(refused(&whole, &["--topic", "/none"]).contains("there is no message on topic /none"));
     assert!(refused(&whole, &["--topic", "/camera"]).contains("is encoded as \"cdr\""));
     let half = recording(Some(Compression::Zstd), &lines[..2]);
     assert!(refused(&half[..half.len() / 2], &[]).contains("drive.mcap: "));

@@ -93,16 +93,16 @@ fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
         (
             &["--speed", "20", "--deceleration", "-1"],
             "",
-            "deceleration: -1 m/s²; it may be from 0.1 to 20 m/s²; change --deceleration",
+            "deceleration: -1 m/s²; it must be from 0.1 to 20 m/s²; change --deceleration",
         ),
         (&["--speed", "20", "--local-response", "2s..1s"], "", "change --local-response"),
         // Milliseconds as seconds, and a speed that is none.
         (
             &["--speed", "20", "--local-response", "301.7s"],
             "",
-            "301.7 s; it may be from 0.000001 to",
+            "301.7 s; it must be from 0.000001 to",
         ),
-        (&["--speed", "200"], "", "speed: 200 m/s; it may be from 0 to 150 m/s; change --speed"),
+        (&["--speed", "200"], "", "speed: 200 m/s; it must be from 0 to 150 m/s; change --speed"),
         (
             &["--speed", "20", "--range-cloud", "30"],
             "",
@@ -116,11 +116,11 @@ fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
             "",
             "; change --deceleration",
         ),
-        (observed, "response_s\n0.1\n", "stdin:1: no column \"answered\""),
+        (observed, "response_s\n0.1\n", "stdin:1: there is no column \"answered\""),
         (observed, "response_s,answered\n0.1,1\n0.2,x\n", "stdin:3: column \"answered\": \"x\""),
         (observed, "response_s,answered\ninf,1\n", "stdin:2: column \"response_s\": \"inf\""),
         (observed, "response_s,answered,count\n1,1,-3\n", "stdin:2: column \"count\": \"-3\""),
-        (observed, "response_s,answered\n", "stdin: no calls below its first row"),
+        (observed, "response_s,answered\n", "stdin: there are no calls below the first row"),
     ];
     for (args, input, message) in cases {
         let printed = deadline(args, input);

@@ -438,7 +438,7 @@ fn soil_lines(rng: &mut Rng, kind: u64, text: &mut Vec<String>, log: &mut DirtyL
             for option in &mut log.options {
                 *option = option.replace(&format!("={name}"), &format!("={wrong}"));
             }
-            (log.fate, log.says) = (Fate::Refused, "in the file, which --");
+            (log.fate, log.says) = (Fate::Refused, ": the file has no ");
         }
         19 => {
             let at = 1 + rng.index(text.len() - 1);
@@ -459,7 +459,7 @@ fn soil_lines(rng: &mut Rng, kind: u64, text: &mut Vec<String>, log: &mut DirtyL
         }
         24 if is_csv => {
             text.insert(text.len() / 2, text[0].clone());
-            (log.fate, log.says) = (Fate::Refused, "the names of the columns stand here again");
+            (log.fate, log.says) = (Fate::Refused, "the row repeats the names of the columns");
             log.remedy = &["--skip-bad"];
         }
         _ => {}
@@ -570,7 +570,7 @@ fn dirty_spans(rng: &mut Rng, kind: u64, frames: &[Frame]) -> DirtyLog {
         for option in &mut options {
             *option = option.replace(right, wrong);
         }
-        fate = (Fate::Refused, "in the file, which --");
+        fate = (Fate::Refused, ": the file has no ");
     }
     let scopes = json!([{"spans": spans}]);
     let mut text = match kind {

@@ -419,7 +419,7 @@ fn stray_prints_stop_after_three_cases() {
         "it answered \"started\"",
         "sent last {\"fuseline\":1",
         "expected  its decisions, one a line, then {\"ev\":\"done\"}",
-        "it does not answer by the protocol, so no other case was tried",
+        "it does not follow the protocol, so no other case was tried",
         "100 not run",
     ] {
         assert!(printed.contains(part), "{part} is not in\n{printed}");
@@ -466,7 +466,7 @@ fn each_way_to_misbehave_has_its_words() {
         (dies, "60s", "it ended before it answered: signal: 9"),
         (closes, "60s", "it closed its output before it answered"),
         (garbage, "60s", "it answered \"{\\\"ev\\\":\\\"dne\\\"}\", column 7:"),
-        (echo, "60s", "it answered with a line that is no decision: {\"fuseline\":1"),
+        (echo, "60s", "it answered with a line that is not a decision: {\"fuseline\":1"),
         (endless, "60s", "it answered more than 1000 lines without {\"ev\":\"done\"}"),
         (long, "60s", "it answered a line over 64 KiB"),
         (twice, "60s", "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),

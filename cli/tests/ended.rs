@@ -83,7 +83,7 @@ fn gaps_between_opens_are_reported_where_a_period_is() {
     assert_eq!(code, Some(1));
     for part in [
         "stdin:5: timestamp 1 breaks J1\n",
-        "  found     no open for 100000000 ns after that of timestamp 0, at 0\n",
+        "  found     no open for 100000000 ns after the open of timestamp 0 at 0\n",
         "  late by   1ms\n",
         "does not conform (1 violation), 2 timestamps judged in 8 lines\n",
     ] {

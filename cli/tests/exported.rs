@@ -321,7 +321,7 @@ fn otlp_has_each_message_with_its_calls() {
         let trace = DrawnTrace::draw(number);
         let (text, notes) = exported("--otlp", &[&file(dir.path(), "trace", &trace.text())]);
         // Spans cannot say where the last tick of the trace is, and have one output.
-        let is_beside = trace.is_progressive() && notes.contains(" outputs beside");
+        let is_beside = trace.is_progressive() && notes.contains(" outputs beyond");
         let is_tick = notes.contains("cannot express them: 1 instants");
         assert!(notes.is_empty() || is_beside || is_tick, "{notes}");
         assert!(!notes.contains("opens of messages"), "{notes}");

@@ -25,7 +25,8 @@ fn a_tolerance_that_swallows_deadlines_is_in_doubt() {
             let judged = run(&[command, &observed[..]].concat(), "");
             // The cloud answers nothing, either.
             assert_eq!(judged.status.code(), Some(3), "{}", err(&judged));
-            let doubt = "coarse: 1 of 1 deadlines are no longer than 30 ms, by which a late result may pass";
+            let doubt = "coarse: 1 of 1 deadlines are no longer than 30 ms (the lateness plus twice the \
+                         tolerance)";
             assert_eq!(out(&judged).contains(doubt), is_warned, "{}", out(&judged));
         }
     }

@@ -75,7 +75,7 @@ fn a_unit_of_one_column_is_that_columns_alone() {
     assert_eq!(found[1]["due"], 2_000_000_000_u64);
     let refused = refused(rows, "events.csv", &["--unit", "t=ms"]);
     assert!(
-        refused.contains("no time \"t\"; it is one of at, due, deadline, within, age"),
+        refused.contains("there is no time \"t\"; give one of at, due, deadline, within, age"),
         "{refused}"
     );
 }
@@ -125,52 +125,54 @@ fn what_is_wrong_in_a_log_is_reported_with_its_line() {
             "{\"ev\":\"open\",\"t\":1}\n",
             "log.jsonl",
             &[][..],
-            "1: no key \"at\" of this open; name it with --column at=NAME; the row has t, ev",
+            "1: this open has no key \"at\"; name it with --column at=NAME; the row has t, ev",
         ),
         ("\n{\"ev\":\"open\",\"at\":1\n", "log.jsonl", &[], "2: not a JSON object"),
         (
             "{\"ev\":\"open\",\"at\":\"1.5 h\",\"t\":1}\n",
             "log.jsonl",
             &[],
-            "1: column \"at\": \"1.5 h\" is no instant; it takes a number of ns, one with its unit",
+            "1: column \"at\": \"1.5 h\" is not an instant; write a number of ns, a number with \
+             its unit",
         ),
-        ("{\"ev\":\"ping\",\"at\":1}\n", "log.jsonl", &[], "or leave it out with --event ping="),
+        ("{\"ev\":\"ping\",\"at\":1}\n", "log.jsonl", &[], "or skip it with --event ping="),
         (
             "{\"ev\":\"fail\",\"at\":1,\"t\":1,\"p\":\"south\"}\n",
             "log.jsonl",
             &[],
-            "\"south\" is no source; the header has east, local, west",
+            "\"south\" is not a known source; the header has east, local, west",
         ),
         (
             frames,
             "frames.csv",
             &["--frame", "open=recv,emit=out,by=winner"],
-            "2: column \"winner\": \"south\" is no source",
+            "2: column \"winner\": \"south\" is not a known source",
         ),
         (frames, "frames.csv", &["--frame", "emit=out"], ": no column for open"),
         (
             frames,
             "frames.csv",
             &["--frame", "open=rcv"],
-            ": no \"rcv\" in the file, which --frame open=rcv names; the file has recv, ",
+            ": --frame open=rcv: the file has no \"rcv\"; it has recv, ",
         ),
         (
             frames,
             "frames.csv",
             &["--frame", "open=recv,emit=out"],
-            "2: the output does not say whose result it is, and its message has none before it",
+            "2: the output does not say whose result it is, and no result of its message came \
+             before it",
         ),
         (
             "recv,sent\n1,2\n",
             "frames.csv",
             &["--frame", "open=recv,west.request=sent"],
-            "2: the request to west has no deadline: no column is named for it; ",
+            "2: the request to west has no deadline: no column is given for it; ",
         ),
         (
             frames,
             "frames.csv",
             &["--frame", "open=recv,south.result=sent"],
-            ": --frame south.…: \"south\" is no source; the header has ",
+            ": --frame south.…: \"south\" is not a known source; the header has ",
         ),
         ("x", "log.mcap", &["--frame", "open=recv"], "--frame is for rows of CSV and JSON"),
     ] {
@@ -222,7 +224,7 @@ fn times_of_day_are_taken_up_to_their_bounds_and_no_further() {
         "2100-02-29T18:00:00Z",
     ] {
         let refused = refused(&log(at), "log.jsonl", &[]);
-        assert!(refused.contains("is no instant"), "{at}: {refused}");
+        assert!(refused.contains("is not an instant"), "{at}: {refused}");
     }
 }
 
@@ -311,16 +313,10 @@ fn mistyped_names_are_refused_with_the_closest() {
     for (option, named) in [
         (
             ["--column", "t=frame,of=fram"],
-            "no \"fram\" in the file, which --column of=fram names; the file has frame,",
+            "--column of=fram: the file has no \"fram\"; it has frame,",
         ),
-        (
-            ["--column", "t=farme"],
-            "no \"farme\" in the file, which --column t=farme names; the file has frame,",
-        ),
-        (
-            ["--frame", "t=frme,open=at"],
-            "no \"frme\" in the file, which --frame t=frme names; the file has frame,",
-        ),
+        (["--column", "t=farme"], "--column t=farme: the file has no \"farme\"; it has frame,"),
+        (["--frame", "t=frme,open=at"], "--frame t=frme: the file has no \"frme\"; it has frame,"),
     ] {
         let refused = refused(log, "log.jsonl", &option);
         assert!(refused.contains(named), "{refused}");
@@ -358,11 +354,17 @@ fn source_of_an_output_is_guessed_or_refused() {
     };
     let (events, notes) = noted(&log(30_000_000), "log.csv", &[]);
     assert_eq!(events[3]["p"], 1);
-    let note =
-        "outputs that do not say whose result they are (the last one was taken): 1 (line 5: west)";
+    let note = "outputs that do not say whose result they are (the latest result was taken): 1 \
+                (line 5: west)";
     assert!(notes.contains(note), "{notes}");
     let refused = refused(&log(10_500_000), "log.csv", &[]);
-    assert!(refused.contains("log.csv:5: the output does not say whose result it is, and those of west and local came at once"), "{refused}");
+    assert!(
+        refused.contains(
+            "log.csv:5: the output does not say whose result it is, and the results of west and \
+             local came at the same time"
+        ),
+        "{refused}"
+    );
 }
 
 #[test]
@@ -427,7 +429,7 @@ fn runs_of_a_log_are_split() {
         ),
         (
             &[(1, 1), (2, 2), (3, 2), (4, 3)],
-            "messages whose id was opened before: 1 (line 8: message 2, as at line 5)",
+            "messages whose id was opened before: 1 (line 8: message 2, first at line 5)",
         ),
         (
             &[(1, 65_534), (2, 65_535), (3, 0), (4, 1)],
@@ -477,10 +479,7 @@ fn local_may_have_another_name() {
     let unknown = refused(rows, "log.csv", &[]);
     assert!(unknown.contains("if it is local, give --local onboard"), "{unknown}");
     let mistyped = refused(rows, "log.csv", &["--local", "onboard,onbord"]);
-    assert!(
-        mistyped.contains("no source \"onbord\" in the log, which --local names"),
-        "{mistyped}"
-    );
+    assert!(mistyped.contains("--local: the log has no source \"onbord\""), "{mistyped}");
     let dir = folder("log.csv", rows);
     let file = dir.path().join("log.csv").display().to_string();
     let header = run(&["convert", "--write-header", "--local", "onboard", &file], "\n\n\n");
@@ -491,7 +490,7 @@ fn local_may_have_another_name() {
 fn what_stands_for_no_value_is_no_id() {
     let rows = "at,ev,t,p\n0,open,12.0,\n9,result,NaN,0\n9,emit,12.0,0\n";
     let refused = refused(rows, "log.csv", &[]);
-    let expected = "log.csv:3: column \"t\": \"NaN\" is no id; if it stands for no value, say so with --missing=NaN";
+    let expected = "log.csv:3: column \"t\": \"NaN\" is not an id; if it stands for no value, say so with --missing=NaN";
     assert!(refused.contains(expected), "{refused}");
     let (events, notes) = noted(rows, "log.csv", &["--missing", "nan", "--skip-bad"]);
     assert_eq!((events.len(), &events[0]["t"]), (2, &12.into()));
@@ -514,7 +513,10 @@ fn units_that_cannot_be_meant_are_noted() {
     let (_, notes) = noted(rows, "log.csv", &["--unit", "s"]);
     assert_eq!(notes, "");
     let refused = refused("at;ev;t\n1;open;1\n", "log.csv", &[]);
-    assert!(refused.contains("the row has at;ev;t; --separator says what stands"), "{refused}");
+    assert!(
+        refused.contains("the row has at;ev;t; give the character between cells with --separator"),
+        "{refused}"
+    );
 }
 
 #[test]
@@ -524,7 +526,7 @@ fn one_odd_id_is_noted_with_its_line() {
     let odd = "lines whose id is not a whole number, although others are: 1 (line 5: 2.5)";
     assert!(notes.contains(odd), "{notes}");
     let (_, notes) = noted("ev,at,t\nopen,0,a\nmiss,5,a\n", "log.csv", &[]);
-    assert!(!notes.contains("no whole number"), "{notes}");
+    assert!(!notes.contains("not a whole number"), "{notes}");
 }
 
 #[test]
@@ -538,7 +540,7 @@ fn an_instant_of_minus_one_is_noted() {
 fn attempts_that_no_column_names_are_noted() {
     let log = "ev,at,t,p,due,try\nopen,0,1,,,\nrequest,1,1,west,9,0\nmiss,12,1,,,\n";
     let (_, notes) = noted(log, "log.csv", &[]);
-    assert!(notes.contains("1 (line 3: 0); if it says which attempt"), "{notes}");
+    assert!(notes.contains("1 (line 3: 0); if it is the number of an attempt"), "{notes}");
 }
 
 #[test]
@@ -597,8 +599,8 @@ fn stamps_in_local_time_are_noted() {
     let frame =
         "open=open,t=t,west.request=sent,west.deadline=5s,west.result=done,emit=done,by=west";
     let (_, notes) = noted(&log(3601), "log.csv", &["--frame", frame]);
-    let note = "events that lie hours, or half hours, from their message's open: 1 (line 2: request 3601 s after it); is one in \
-                local time, and the other in UTC?";
+    let note = "events that lie hours, or half hours, from their message's open: 1 (line 2: \
+                request 3601 s after it); is one of them in local time and the other in UTC?";
     assert!(notes.contains(note), "{notes}");
     let (_, notes) = noted(&log(1), "log.csv", &["--frame", frame]);
     assert_eq!(notes, "");
@@ -608,8 +610,7 @@ fn stamps_in_local_time_are_noted() {
 fn deadlines_of_no_source_are_refused() {
     let rows = "at,ev,t,p\n0,open,1,\n1,request,1,west\n9,result,1,west\n9,emit,1,west\n";
     let message = refused(rows, "log.csv", &["--deadline", "9ns,wset=7ns"]);
-    let expected =
-        "no source \"wset\" in the log, which --deadline wset= names; the header has west, ";
+    let expected = "--deadline wset=: the log has no source \"wset\"; the header has west, ";
     assert!(message.contains(expected), "{message}");
 }
 
@@ -648,7 +649,8 @@ fn explain_says_what_would_mislead() {
     for part in [
         "outputs of a source without a request, a result or a failure: 1 (line 17: cpu); if it is local, say so with \
          --local cpu",
-        "--period 100ms adds that messages come in time, but takes the end of the log, 180 ms after its last message, for a gap",
+        "--period 100ms also checks that messages come in time, but counts the 180 ms after the \
+         last message as a gap",
     ] {
         assert!(screen.contains(part), "{part} is not in\n{screen}");
     }

@@ -168,15 +168,15 @@ fn what_cannot_be_read_is_reported_with_its_place() {
         json!({"attributes": [{"key": "fuseline.deadline", "value": {"stringValue": "soon"}}]});
     let soon = span("a", "1", "infer.Model/Infer", 3, [1, 8], &late);
     for (spans, expected) in [
-        (vec![], "no whole span in the file"),
-        (vec![message.clone(), call], "\"other\" is no source; the header has"),
+        (vec![], "the file has no complete span"),
+        (vec![message.clone(), call], "\"other\" is not a known source; the header has"),
         (
             vec![message.clone(), known],
             "has no deadline: there is no attribute \"fuseline.deadline\"",
         ),
         (
             vec![message, soon],
-            "the span \"infer.Model/Infer\" with the id a: attribute \"fuseline.deadline\": \"soon\" is no duration",
+            "the span \"infer.Model/Infer\" with the id a: attribute \"fuseline.deadline\": \"soon\" is not a duration",
         ),
         (vec![json!({"spanId": "1", "name": "a"})], "missing field `startTimeUnixNano`"),
     ] {
@@ -282,10 +282,10 @@ fn other_clients_say_by_an_option_who_ended_a_call() {
     assert!(!err(&done).contains("failed client spans"), "{}", err(&done));
     assert!(!out(&done).contains("\"ev\":\"fail\""), "{}", out(&done));
     let done = converted(&spans, &[&more[..], &["--cancelled", "eror.type=timeout"]].concat());
-    assert!(err(&done).contains("no attribute \"eror.type\" in the file"), "{}", err(&done));
+    assert!(err(&done).contains("the file has no attribute \"eror.type\""), "{}", err(&done));
     let done = converted(&spans, &[&more[..], &["--cancelled", "error.type=timeuot"]].concat());
-    let message = "no attribute \"error.type\" with the value \"timeuot\" in the file, which --cancelled \
-                   error.type=timeuot names; the file has timeout";
+    let message = "--cancelled error.type=timeuot: the file has no attribute \"error.type\" with \
+                   the value \"timeuot\"; it has timeout";
     assert!(err(&done).contains(message), "{}", err(&done));
 }
 
@@ -362,13 +362,13 @@ fn spans_of_several_files_are_one_log() {
     fs::write(&one, other).unwrap();
     let done = run(&["convert", "--header", &header, &one], "");
     assert_eq!(done.status.code(), Some(2));
-    assert!(err(&done).contains("spans as Jaeger or Zipkin had them"), "{}", err(&done));
+    assert!(err(&done).contains("an older format of Jaeger or Zipkin"), "{}", err(&done));
     fs::write(&one, "[]").unwrap();
     let done = run(&["convert", "--from", "otlp", "--header", &header, &one], "");
-    assert!(err(&done).contains("no whole span in the file"), "{}", err(&done));
+    assert!(err(&done).contains("the file has no complete span"), "{}", err(&done));
     fs::write(&one, "INFO: {\"spans\":[]}").unwrap();
     let done = run(&["convert", "--from", "otlp", "--header", &header, &one], "");
-    assert!(err(&done).contains("is taken off by grep"), "{}", err(&done));
+    assert!(err(&done).contains("remove that with grep"), "{}", err(&done));
 }
 
 #[test]

@@ -150,7 +150,7 @@ fn a_link_as_output_is_followed_and_stays() {
     assert!(fs::read_to_string(path("folder/far.json")).unwrap().contains("traceEvents"));
     let refused = export("dangling");
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("dangling: a link to a file that is not there"));
+    assert!(err(&refused).contains("dangling: this is a link to a file that does not exist"));
     assert!(path("dangling").is_symlink() && !path("nowhere").exists());
 }
 
@@ -160,7 +160,7 @@ fn what_cannot_be_written_is_reported_by_its_own_name_and_a_plain_cause() {
     let dir = directory();
     for (output, expected) in [
         ("none/x.json", "none/x.json: No such file or directory; "),
-        ("folder", "folder: a directory; "),
+        ("folder", "folder: this is a directory; "),
         ("/dev/full", "/dev/full: No space left on device; make room"),
     ] {
         for command in [&["export", "--mcap", "t.jsonl"][..], &["report", "t.jsonl"]] {

@@ -59,7 +59,8 @@ fn a_file_that_is_named_and_exists_is_replaced_by_force_alone() {
         fs::write(&existing, "as it was").unwrap();
         let refused = run(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
-        let expected = if args == plotted { "plots: not empty; " } else { "there: it exists; " };
+        let expected =
+            if args == plotted { "plots: the folder is not empty; " } else { "there: it exists; " };
         assert!(err(&refused).starts_with(&format!("error: {expected}")), "{}", err(&refused));
         assert!(err(&refused).contains("--force"), "{}", err(&refused));
         assert_eq!(fs::read_to_string(&existing).unwrap(), "as it was", "{args:?}");
@@ -123,7 +124,7 @@ fn two_runs_on_one_trace_are_told_apart() {
     first.kill().unwrap();
     first.wait().unwrap();
     assert_eq!(second.status.code(), Some(2), "{}", out(&second));
-    assert!(err(&second).starts_with("error: one.jsonl: another run writes to it; "));
+    assert!(err(&second).starts_with("error: one.jsonl: another run is writing to it; "));
     let text = fs::read_to_string(trace).unwrap();
     assert_eq!(text.matches("\"fuseline\":1").count(), 1);
 }

@@ -448,7 +448,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&[&server.url, "--rate", "0"], "'--rate <HZ>': it must be from 0.1 to 1000"),
         (&[&server.url, "--for", "0s"], "'--for <TIME>': it must be more than 0"),
         (&[&server.url, "--csv", "-"], "--csv -: "),
-        (&[&server.url, "--csv", "."], ".: a directory"),
+        (&[&server.url, "--csv", "."], ".: this is a directory"),
     ] {
         let all = [&["probe"], args].concat();
         let refused = fuseline(&all).current_dir(dir.path()).output().unwrap();

@@ -103,12 +103,12 @@ fn a_mistyped_topic_is_refused() {
     let bytes = mcap("cdr", schema, &frames());
     let more = [&BY_STAMP[..], &["--topic", "west.fail=/west/reqests"]].concat();
     let done = convert_mcap(&bytes, &more);
-    let message = "no topic \"/west/reqests\" in the file, which --topic west.fail=/west/reqests names; the file has \
-                   /west/request, ";
+    let message = "--topic west.fail=/west/reqests: the file has no topic \"/west/reqests\"; it \
+                   has /west/request, ";
     assert_eq!(done.status.code(), Some(2), "{}", out(&done));
     assert!(err(&done).contains(message), "{}", err(&done));
     let shown = convert_mcap(&bytes, &["--explain"]);
-    assert!(out(&shown).contains("the file has /"), "{}", out(&shown));
+    assert!(out(&shown).contains("; it has /"), "{}", out(&shown));
 }
 
 #[test]
@@ -132,19 +132,27 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
     let other = Some(("robot_msgs/msg/Stamped", "ros2idl", &b"module x {}"[..]));
     let short = [RecordedMessage("/camera", 10, vec![0, 1, 0, 0, 7])];
     for (bytes, args, expected) in [
-        (mcap("cdr", None, &frames()), &BY_STAMP[..], "the file has no schema of it"),
-        (mcap("ros1", good, &frames()), &BY_STAMP, "it is ros1 by a schema in ros2msg; json,"),
-        (mcap("cdr", other, &frames()), &BY_STAMP, "it is cdr by a schema in ros2idl; json,"),
-        (mcap("cdr", schema(b"Thing x\n"), &frames()), &BY_STAMP, "has the type \"Thing\""),
-        (mcap("cdr", good, &short), &BY_STAMP, "/camera, message 1: its bytes end within"),
-        (mcap("cdr", good, &frames()), &["--topic", "/camera"], "fields of others with --column"),
+        (mcap("cdr", None, &frames()), &BY_STAMP[..], "the file has no schema for it"),
+        (
+            mcap("ros1", good, &frames()),
+            &BY_STAMP,
+            "its encoding is ros1 with a schema in ros2msg; convert reads json,",
+        ),
+        (
+            mcap("cdr", other, &frames()),
+            &BY_STAMP,
+            "its encoding is cdr with a schema in ros2idl; convert reads json,",
+        ),
+        (mcap("cdr", schema(b"Thing x\n"), &frames()), &BY_STAMP, "has a field of type \"Thing\""),
+        (mcap("cdr", good, &short), &BY_STAMP, "/camera, message 1: it ends within"),
+        (mcap("cdr", good, &frames()), &["--topic", "/camera"], "name their fields with --column"),
         (
             mcap("cdr", good, &[]),
             &BY_STAMP,
-            "no topic \"/camera\" in the file, which --topic open=/camera",
+            "--topic open=/camera: the file has no topic \"/camera\"",
         ),
         (mcap("cdr", good, &frames()), &["--topic", "/a,/b"], "--topic was given several times"),
-        (mcap("cdr", good, &frames()), &["--topic", "came=/a"], "no event \"came\""),
+        (mcap("cdr", good, &frames()), &["--topic", "came=/a"], "a trace has no event \"came\""),
     ] {
         let refused = convert_mcap(&bytes, args);
         assert_eq!(refused.status.code(), Some(2), "{expected}: {}", out(&refused));
@@ -152,7 +160,7 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
     }
     let dir = tempdir().unwrap();
     let refused = run(&["convert", dir.path().to_str().unwrap()], "");
-    assert!(err(&refused).contains("a folder without metadata.yaml"), "{}", err(&refused));
+    assert!(err(&refused).contains("the folder has no metadata.yaml"), "{}", err(&refused));
 }
 
 /// A recorder that was killed leaves no footer.
@@ -174,7 +182,11 @@ fn cut_recording_is_read_up_to_its_last_message() {
     let cut = whole.into_inner();
     let refused = convert_mcap(&cut, &BY_STAMP);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("--truncated reads what stands before"), "{}", err(&refused));
+    assert!(
+        err(&refused).contains("read everything before that with --truncated"),
+        "{}",
+        err(&refused)
+    );
     let done = convert_mcap(&cut, &[&BY_STAMP[..], &["--truncated"]].concat());
     assert_eq!(events(&done), expected());
     assert!(
@@ -214,7 +226,7 @@ fn parts_of_a_bag_are_read_as_one() {
     fs::write(dir.path().join("metadata.yaml"), metadata).unwrap();
     assert_eq!(events(&read(&[&folder])), expected());
     let one = read(&[&path("bag_0.mcap")]);
-    assert!(err(&one).contains("it is one part of a bag of: 2 files"), "{}", err(&one));
+    assert!(err(&one).contains("it is one file of a bag: the bag has 2 files"), "{}", err(&one));
 }
 
 /// The events of a service, by the definition of the service that recordings have instead of that
@@ -232,13 +244,11 @@ fn events_of_a_service_are_requests_and_results() {
     let options = ["--topic", topic, "--column", "t=info.sequence_number,deadline=50ns"];
     let request = json!({"ev": "request", "at": 10, "t": 4, "p": 1, "due": 60});
     for (kinds, note) in [
-        (
-            [0, 1, 2, 3],
-            "events of a service's server, skipped because its client's events are there: 2",
-        ),
+        ([0, 1, 2, 3], "events of a service's server, skipped because the log has its client's: 2"),
         (
             [1, 1, 2, 2],
-            "events that a service's server had, read for its client's, which were not recorded: 2",
+            "events of a service's server, read in place of its client's, which were not recorded: \
+             2",
         ),
     ] {
         let ats = [10, 12, 20, 22];
@@ -339,10 +349,10 @@ mod bags {
         Connection::open(path("other.db3")).unwrap().execute_batch(other).unwrap();
         for (name, expected) in [
             ("other.db3", "no such column"),
-            ("old.db3", "the file has no schema of it"),
+            ("old.db3", "the file has no schema for it"),
             ("junk.db3", "file is not a database"),
-            ("empty.db3", "it has no table topics"),
-            ("view.db3", "it has no table messages"),
+            ("empty.db3", "the database has no table topics"),
+            ("view.db3", "the database has no table messages"),
         ] {
             let refused = convert(&path(name), &BY_STAMP);
             let lines = err(&refused).lines().count();
@@ -350,7 +360,7 @@ mod bags {
             assert!(err(&refused).contains(expected), "{expected}: {}", err(&refused));
         }
         let refused = run(&["convert", "--from", "db3", "-"], "");
-        assert!(err(&refused).contains("not from standard input"), "{}", err(&refused));
+        assert!(err(&refused).contains("cannot come from standard input"), "{}", err(&refused));
     }
 
     /// `message Event { google.protobuf.Timestamp stamp = 1; uint64 frame = 2; string kind = 3; }`
@@ -412,7 +422,7 @@ mod bags {
         let junk = [RecordedMessage("/log", 1, vec![0xff; 9])];
         for (name, descriptors, expected) in [
             ("robot.Event", &descriptors[..], "/log, message 1: "),
-            ("robot.Other", &descriptors, "the descriptors lack it"),
+            ("robot.Other", &descriptors, "the file's descriptors do not define it"),
             ("robot.Event", b"\xff\xff", "schema robot.Event: "),
         ] {
             let schema = Some((name, "protobuf", descriptors));

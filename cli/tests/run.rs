@@ -366,11 +366,11 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--cloud", "name=a"], "priority is missing"),
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
-        (&["--trace", "."], "error: .: a directory; name a file in it"),
+        (&["--trace", "."], "error: .: this is a directory; name a file in it"),
         (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),
         (
             &["--trace", "/dev/null"],
-            "error: /dev/null: a device or a pipe, which cannot be read again; name a file",
+            "error: /dev/null: this is a device or a pipe, which cannot be read again; name a file",
         ),
         (&["--trace", "-"], "error: --trace -: "),
     ] {

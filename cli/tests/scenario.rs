@@ -67,7 +67,7 @@ fn senseless_scenario_is_one_line_with_a_remedy() {
         (&["jaywalking", "--response", "0.5"], "such as 0.5s: write 0.5s"),
         (&["networks", "--policy", "never"], "write local, cloud, first, guard, expected or"),
         (&["networks", "--drive", "nowhere"], "no built-in drive and no readable file"),
-        (&["networks", "--trace", "never-made"], "name fewer with --drive, --speed"),
+        (&["networks", "--trace", "never-made"], "choose fewer with --drive, --speed"),
     ];
     for (args, message) in cases {
         let printed = run(&[&["scenario"], args].concat(), "");

@@ -186,8 +186,8 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     let url = format!("url=http://{}", listener.local_addr().unwrap());
     runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
     for (model, known) in [
-        ("model=DINO-SWIN-Tiny,", "its model is as --cloud says"),
-        ("", "nothing is known of its model"),
+        ("model=DINO-SWIN-Tiny,", "its model is the one that --cloud names"),
+        ("", "its model is unknown"),
     ] {
         let cloud = format!("name=east,priority=2,{model}{url}");
         let ran = run_in(dir.path(), &["--for", "0.3s", "--cloud", &cloud]);
@@ -346,10 +346,16 @@ fn a_file_without_what_a_cloud_has_is_refused_at_the_start() {
     let dir = certificates();
     fs::write(dir.path().join("empty"), "\n").unwrap();
     for (files, expected) in [
-        ("ca=empty", "error: empty: no certificate in it"),
-        ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
-        ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
-        ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
+        ("ca=empty", "error: empty: the file has no certificate"),
+        (
+            "ca=client.key",
+            "error: client.key: the file has no certificate; give one in PEM (this is",
+        ),
+        (
+            "ca=ca.pem,cert=client.key,key=client.pem",
+            "error: client.key: the file has no certificate",
+        ),
+        ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: the file has no private key"),
     ] {
         let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
         let refused = run_in(dir.path(), &["--cloud", &cloud]);
@@ -383,18 +389,18 @@ fn bad_options_are_one_line_and_exit_2() {
         (&["--cert", "server.pem"], "--key"),
         (&["--client-ca", "ca.pem"], "--cert"),
         (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
-        (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
+        (&["--cert", "empty", "--key", "server.key"], "error: empty: the file has no certificate"),
         (
             &["--cert", "server.key", "--key", "server.pem"],
-            "error: server.key: no certificate in it; give one as PEM (this is a private key)",
+            "error: server.key: the file has no certificate; give one in PEM (this is a private key)",
         ),
         (
             &["--cert", "server.pem", "--key", "ca.pem"],
-            "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
+            "error: ca.pem: the file has no private key; give one in PEM (this is a certificate)",
         ),
         (
             &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
-            "error: empty: no certificate in it",
+            "error: empty: the file has no certificate",
         ),
         (&["--token-file", "empty"], "visible ASCII"),
     ] {

@@ -34,7 +34,7 @@ fn check_reports_a_violation_with_line_rule_and_story() {
     for part in [
         "bad.jsonl: does not conform (1 violation)",
         "bad.jsonl:11: timestamp 0 breaks F6\n",
-        "\n  rule      After a failure or a timer the best available result goes",
+        "\n  rule      After a failure or a timer the best available result is forwarded",
         r#"  found     {"ev":"hold","at":500,"t":0,"p":1}"#,
         r#"  expected  {"ev":"emit","at":500,"t":0,"p":1}"#,
         r#"  lines     2: {"ev":"open","at":0,"t":0}"#,
@@ -150,7 +150,7 @@ fn check_observed_needs_its_tolerances_and_something_to_judge() {
     let disorder = OBSERVED.replace("40000000", "60000000000");
     let refused = run(&args, &disorder);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).starts_with("error: stdin:5:1: at 65000000 after a line at"));
+    assert!(err(&refused).starts_with("error: stdin:5:1: the line at 65000000 follows a line at"));
 }
 
 /// The example of several threads, which needs a Python; none without one.
@@ -394,7 +394,7 @@ mod follow {
         fs::write(&paths[0], packed(TRACE)).unwrap();
         let refused = run(&["check", "--follow", text(&paths[0])], "");
         assert_eq!(refused.status.code(), Some(2));
-        assert!(err(&refused).contains("trace.jsonl.gz: packed; "), "{}", err(&refused));
+        assert!(err(&refused).contains("trace.jsonl.gz: this file is packed"), "{}", err(&refused));
     }
 
     #[test]

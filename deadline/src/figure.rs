@@ -117,11 +117,11 @@ impl Display for Figure {
             Self::RangeLocal => "local's range",
             Self::RangeCloud => "the cloud's range",
             Self::Speed => "speed",
-            Self::Reveal => "distance of what may come into sight",
+            Self::Reveal => "distance at which something may come into sight",
             Self::AccuracyLocal => "local's accuracy",
             Self::AccuracyCloud => "the cloud's accuracy",
             Self::Price => "price of a millisecond",
-            Self::Overlap => "overlap of right boxes",
+            Self::Overlap => "overlap of correct boxes",
         })
     }
 }

@@ -41,21 +41,28 @@ pub enum Invalid {
 impl Display for Invalid {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Order(figure) => write!(f, "{figure}: its least is above its greatest"),
+            Self::Order(figure) => write!(f, "{figure}: the least value is above the greatest"),
             Self::Implausible { figure, value } => {
                 let ((low, high), unit) = (figure.plausible(), figure.unit());
                 let space = if unit.is_empty() { "" } else { " " };
-                write!(f, "{figure}: {value}{space}{unit}; it may be from {low} to {high}{space}{unit}")
+                write!(
+                    f,
+                    "{figure}: {value}{space}{unit}; it must be from {low} to {high}{space}{unit}"
+                )
             }
-            Self::NoFrames => f.write_str("0 frames to brake; the planner needs at least one"),
+            Self::NoFrames => f.write_str("0 frames to brake; the planner needs at least 1"),
             Self::Classes(classes) => {
                 write!(f, "{classes} classes of hazards; there must be 1 to {}", Classes::MOST)
             }
             Self::CloudSeesLess => f.write_str(
-                "the cloud sees less far than local: in time it would hide what local reports, so no deadline is safe",
+                "the cloud's range is shorter than local's: a result in time would hide what local \
+                 reports, so no deadline is safe",
             ),
             Self::Probes { every, window } => {
-                write!(f, "a probe every {every} messages; it must be every 1 to {window}")
+                write!(
+                    f,
+                    "a probe every {every} messages; one must come every 1 to {window} messages"
+                )
             }
         }
     }

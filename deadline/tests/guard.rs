@@ -265,52 +265,54 @@ fn refuses_implausible_figures_with_their_range() {
     let cases = [
         (
             Parameters { deceleration: braking(0.0, 0.0), ..sound },
-            "deceleration: 0 m/s²; it may be from 0.1 to 20 m/s²",
+            "deceleration: 0 m/s²; it must be from 0.1 to 20 m/s²",
         ),
         (
             Parameters { deceleration: braking(8.0, 7.0), ..sound },
-            "deceleration: its least is above its greatest",
+            "deceleration: the least value is above the greatest",
         ),
         (
             Parameters { deceleration: braking(7.0, f64::NAN), ..sound },
-            "deceleration: NaN m/s²; it may be from 0.1 to 20 m/s²",
+            "deceleration: NaN m/s²; it must be from 0.1 to 20 m/s²",
         ),
         (
             Parameters { brake_delay: exactly(100.0), ..sound },
-            "delay of the brakes: 100 s; it may be from 0 to 5 s",
+            "delay of the brakes: 100 s; it must be from 0 to 5 s",
         ),
-        (Parameters { frames: 0, ..sound }, "0 frames to brake; the planner needs at least one"),
+        (Parameters { frames: 0, ..sound }, "0 frames to brake; the planner needs at least 1"),
         (
             Parameters { period_local: exactly(0.0), ..sound },
-            "time between local's frames: 0 s; it may be from 0.00001 to 60 s",
+            "time between local's frames: 0 s; it must be from 0.00001 to 60 s",
         ),
         (
             Parameters { period_cloud: Span::of_rate(0.0), ..sound },
-            "time between the cloud's frames: 18446744073.709553 s; it may be from 0.00001 to 60 s",
+            "time between the cloud's frames: 18446744073.709553 s; it must be from 0.00001 to 60 \
+             s",
         ),
         // Milliseconds given as seconds.
         (
             Parameters { local_response: exactly(301.7), ..sound },
-            "local's response: 301.7 s; it may be from 0.000001 to 60 s",
+            "local's response: 301.7 s; it must be from 0.000001 to 60 s",
         ),
         (
             Parameters { lateness: Duration::from_secs(5), ..sound },
-            "lateness: 5 s; it may be from 0 to 1 s",
+            "lateness: 5 s; it must be from 0 to 1 s",
         ),
-        (Parameters { margin: Metres(-1.0), ..sound }, "margin: -1 m; it may be from 0 to 100 m"),
+        (Parameters { margin: Metres(-1.0), ..sound }, "margin: -1 m; it must be from 0 to 100 m"),
         (
             with(Hazard { weight: 0.0, ..hazard(39.0, 57.0) }),
-            "weight of a class: 0; it may be from 0.000001 to 1000000",
+            "weight of a class: 0; it must be from 0.000001 to 1000000",
         ),
         // Millimetres given as metres.
-        (with(hazard(39e3, 57e3)), "local's range: 39000 m; it may be from 0.01 to 10000 m"),
+        (with(hazard(39e3, 57e3)), "local's range: 39000 m; it must be from 0.01 to 10000 m"),
         (
             with(hazard(39.0, f64::INFINITY)),
-            "the cloud's range: inf m; it may be from 0.01 to 10000 m",
+            "the cloud's range: inf m; it must be from 0.01 to 10000 m",
         ),
         (
             with(hazard(39.0, 38.0)),
-            "the cloud sees less far than local: in time it would hide what local reports, so no deadline is safe",
+            "the cloud's range is shorter than local's: a result in time would hide what local \
+             reports, so no deadline is safe",
         ),
     ];
     for (parameters, refused) in cases {

@@ -72,8 +72,8 @@ pub enum ScenarioError {
     },
     /// The folder would get too many traces.
     #[error(
-        "{runs} runs would leave as many traces, and {most} are the most; name fewer with --drive, --speed, --policy or \
-         --starts"
+        "{runs} runs would leave as many traces, but at most {most} are allowed; choose fewer with \
+         --drive, --speed, --policy or --starts"
     )]
     Traces {
         /// The number of runs that are wanted.

@@ -47,12 +47,13 @@ pub enum Device {
 pub enum ModelError {
     /// The model is unknown and has no runtime.
     #[error(
-        "no model {0:?}; there are {names}; another one needs runtime=TIME, and ap=AP if it is known",
+        "there is no model {0:?}; the models are {names}; another model needs runtime=TIME, and \
+         ap=AP if it is known",
         names = names()
     )]
     Name(String),
     /// The paper did not measure this device.
-    #[error("no device {0:?}; there are orin and a100")]
+    #[error("there is no device {0:?}; the devices are orin and a100")]
     Device(String),
     /// A figure is not valid.
     #[error("{key} {value:?} is not valid; {wanted}")]
@@ -234,7 +235,7 @@ mod tests {
         let paper = model("DINO-SWIN-Large,ap=58");
         assert_eq!((paper.ap, paper.runtime), (Some(58.0), model("DINO-SWIN-Large").runtime));
         for (text, expected) in [
-            ("yolo,ap=50", "another one needs runtime=TIME"),
+            ("yolo,ap=50", "another model needs runtime=TIME"),
             ("yolo,runtime=0ms", "runtime \"0ms\" is not valid"),
             ("yolo,runtime=45", "such as 45ms: write 45ms"),
             ("yolo,runtime=nan", "runtime \"nan\" is not valid"),

@@ -238,7 +238,12 @@ impl<'a> Fields<'a> {
             Key::Missing => self.missing = names(scan)?,
             Key::Local => {
                 let named = |word: &str| (word == "none").then_some(());
-                choice(scan, "local", named, "none; an operator with local leaves the key out")?;
+                choice(
+                    scan,
+                    "local",
+                    named,
+                    "none; leave the key out if the operator has a local",
+                )?;
             }
             Key::Ev => self.kind = Some(choice(scan, "ev", LineKind::named, LineKind::EVENTS)?),
             Key::Why => self.why = scan.string("a reason")?,
@@ -289,7 +294,7 @@ impl<'a> Fields<'a> {
             let message = if kind.keys_of_observed().contains(key) {
                 format!("key \"{name}\" is allowed only in traces that are judged as observed")
             } else {
-                format!("key \"{name}\" has no place in {}", kind.takes(form))
+                format!("key \"{name}\" is not allowed in {}", kind.takes(form))
             };
             return Err(self.fault(key, message));
         }
@@ -299,8 +304,8 @@ impl<'a> Fields<'a> {
         }
         let has = |key| self.seen.contains(key);
         if form == Form::WithoutLocal && kind == LineKind::Open && has(Key::Deadline) {
-            let message = "key \"deadline\" is local's, and the header says that there is no local; \
-                           the message's own is \"within\"";
+            let message = "key \"deadline\" is local's deadline, but the header says that there is \
+                           no local; the message's own deadline is \"within\"";
             return Err(self.fault(Key::Deadline, message));
         }
         Ok(kind)
@@ -322,7 +327,7 @@ impl<'a> Fields<'a> {
         let (seq, attempt) = (given(Key::Seq), given(Key::Try));
         if attempt.is_some() && given(Key::P) == Some(0) {
             let message =
-                "key \"try\" in a line of p 0; local is not requested and has no attempts";
+                "key \"try\" is in a line of p 0; local gets no requests, so it has no attempts";
             return Err(self.fault(Key::Try, message));
         }
         if seq.is_some() && self.origin.is_none() {
@@ -503,9 +508,9 @@ fn within(scan: &mut Scan<'_>, what: &str, range: RangeInclusive<u64>) -> Result
     }
     let (least, most) = range.into_inner();
     let message = match most {
-        u64::MAX => format!("{what} is {value}; it is at least {least}"),
-        most if least == most => format!("{what} is {value}; this reads {most}"),
-        most => format!("{what} is {value}; it is {least} to {most}"),
+        u64::MAX => format!("{what} is {value}; it must be at least {least}"),
+        most if least == most => format!("{what} is {value}; this version reads {most}"),
+        most => format!("{what} is {value}; it must be from {least} to {most}"),
     };
     Err(ParseError::at(offset, message))
 }

@@ -33,7 +33,7 @@ pub enum Defect {
     #[error("{0}")]
     Io(#[from] io::Error),
     /// There is no line at all.
-    #[error("the trace is empty; its first line is a header")]
+    #[error("the trace is empty; its first line must be a header")]
     Empty,
     /// The first line is an event.
     #[error("the first line is an event, but a trace begins with a header: {{\"fuseline\":1,…}}")]

@@ -119,8 +119,8 @@ impl Rule {
     pub const fn sentence(self) -> &'static str {
         match self {
             Self::F0 => {
-                "A decision bears the now of its input; a now below the greatest seen counts as \
-                 the greatest seen."
+                "A decision has the now of its input; a now below the greatest seen counts as the \
+                 greatest seen."
             }
             Self::F1 => {
                 "An open is refused for the first of order, full and deadline that holds; else \
@@ -140,8 +140,8 @@ impl Rule {
                  else forwarded."
             }
             Self::F4 => {
-                "A failure is dropped for the same reasons as a result; else it closes its \
-                 request and disarms its timer, and nothing of it is held."
+                "A failure is dropped for the same reasons as a result; else it closes its request \
+                 and disarms its timer, and no result of it is held."
             }
             Self::F5 => {
                 "Before an input everything due fires, by due instant, then timestamp; the due \
@@ -149,9 +149,9 @@ impl Rule {
                  never."
             }
             Self::F6 => {
-                "After a failure or a timer the best available result goes if nothing pending \
-                 outranks it, or, under eager, if a cloud's timer fired; with nothing available \
-                 and nothing pending the timestamp is missed."
+                "After a failure or a timer the best available result is forwarded if nothing \
+                 pending outranks it, or, under eager, if a cloud's timer fired; with nothing \
+                 available and nothing pending the timestamp is missed."
             }
             Self::F7 => {
                 "What is forwarded retires its timestamp, and each cloud still pending is \
@@ -167,12 +167,12 @@ impl Rule {
                  its outputs rise, and nothing follows the final one."
             }
             Self::D2 => {
-                "An item bears the value that its source sent for this timestamp, or for one that \
-                 is at most the cloud's max_age before it."
+                "An item carries the value that its source sent for this timestamp, or for one \
+                 that is at most the cloud's max_age before it."
             }
             Self::D18 => {
-                "An item bears a value that is meant for its timestamp, if the value says for which \
-                 one it is meant."
+                "An item carries a value that is meant for its timestamp, if the value says for \
+                 which one it is meant."
             }
             Self::P2 => "A forwarded result arrived before its due instant, if it had one.",
             Self::P3 => {

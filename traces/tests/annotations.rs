@@ -80,15 +80,19 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
     let expected = format!("a.jsonl:1:26: key \"local\" {observed}");
     assert_eq!(refused(false, WITHOUT_LOCAL, ""), expected);
     let some = WITHOUT_LOCAL.replace("none", "some");
-    let expected = "a.jsonl:1:34: unknown local \"some\"; it is one of none; an operator with local leaves the key out";
+    let expected = "a.jsonl:1:34: unknown local \"some\"; it is one of none; leave the key out if \
+                    the operator has a local";
     assert_eq!(refused(true, &some, ""), expected);
     let old = WITHOUT_LOCAL.replace("\"max_age\":3", "\"max_age\":-3");
     assert!(refused(true, &old, "").starts_with("a.jsonl:1:78: expected a whole number"));
     let cases = [
-        (r#"{"ev":"result","at":1,"t":2,"p":1,"try":256}"#, "2:41: try is 256; it is 0 to 255"),
+        (
+            r#"{"ev":"result","at":1,"t":2,"p":1,"try":256}"#,
+            "2:41: try is 256; it must be from 0 to 255",
+        ),
         (
             r#"{"ev":"fail","at":1,"t":2,"p":0,"try":1}"#,
-            "2:33: key \"try\" in a line of p 0; local is not requested and has no attempts",
+            "2:33: key \"try\" is in a line of p 0; local gets no requests, so it has no attempts",
         ),
         (
             r#"{"ev":"open","at":1,"t":2,"seq":7}"#,
@@ -109,16 +113,16 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
         ),
         (
             r#"{"ev":"emit","at":1,"t":2,"p":1,"try":1}"#,
-            "2:33: key \"try\" has no place in an emit line; it takes ev, at, t, p, of, for, x",
+            "2:33: key \"try\" is not allowed in an emit line; it takes ev, at, t, p, of, for, x",
         ),
         (
             r#"{"ev":"miss","at":1,"t":2,"of":1}"#,
-            "2:27: key \"of\" has no place in a miss line; it takes ev, at, t, x",
+            "2:27: key \"of\" is not allowed in a miss line; it takes ev, at, t, x",
         ),
         (
             r#"{"ev":"open","at":1,"t":2,"deadline":5}"#,
-            "2:27: key \"deadline\" is local's, and the header says that there is no local; the message's \
-             own is \"within\"",
+            "2:27: key \"deadline\" is local's deadline, but the header says that there is no \
+             local; the message's own deadline is \"within\"",
         ),
     ];
     for (line, message) in cases {

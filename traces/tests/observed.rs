@@ -274,7 +274,7 @@ fn j1_gaps_between_opens_and_at_the_end_are_reported() {
 fn j1_gap_is_reported_once_certain_with_its_length() {
     let judge = read(LOOSE, Some(100), &["open 0 1", "open 1000 2", "tick 1014"]);
     let [violation] = &judge.so_far().violations[..] else { panic!("{judge:?}") };
-    assert_eq!(violation.found, "no open for 1000 ns after that of timestamp 1, at 0");
+    assert_eq!(violation.found, "no open for 1000 ns after the open of timestamp 1 at 0");
     let expected =
         "an open at 109 at the latest: a period, the lateness and twice the tolerance later";
     assert_eq!(violation.expected, expected);
@@ -294,7 +294,7 @@ fn lines_may_be_out_of_order_by_two_tolerances() {
     };
     assert!(out(4).is_ok());
     let error = out(5).expect_err("it is out of order").to_string();
-    assert!(error.starts_with("a.jsonl:3:1: at 95 after a line at 100"), "{error}");
+    assert!(error.starts_with("a.jsonl:3:1: the line at 95 follows a line at 100"), "{error}");
 }
 
 #[test]

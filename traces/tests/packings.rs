@@ -137,11 +137,11 @@ fn a_file_cut_short_is_reported_wherever_it_is_cut() {
 fn what_no_trace_can_be_made_of_is_reported() {
     let reported = |packed: &[u8]| read(packed).unwrap_err().to_string();
     let strange = mcap("/camera", "json", &lines(), None);
-    assert_eq!(reported(&strange), "no message of topic /fuseline/trace");
+    assert_eq!(reported(&strange), "there is no message on topic /fuseline/trace");
     let encoded = mcap("/fuseline/trace", "cdr", &lines(), None);
     assert_eq!(
         reported(&encoded),
-        "topic /fuseline/trace is encoded as \"cdr\"; a trace's is json"
+        "topic /fuseline/trace is encoded as \"cdr\", but the lines of a trace are json"
     );
     let bad = mcap("/fuseline/trace", "json", &[lines()[0], "{}"], None);
     assert!(reported(&bad).starts_with("message 2: column "), "{}", reported(&bad));

@@ -110,17 +110,17 @@ fn keys_that_do_not_fit_the_event_are_refused() {
         (
             b"{\"ev\":\"result\",\"at\":1,\"due\":5,\"t\":2,\"p\":0}",
             23,
-            &format!("key \"due\" has no place in {result}"),
+            &format!("key \"due\" is not allowed in {result}"),
         ),
         (
             b"{\"ev\":\"request\",\"at\":1,\"t\":2,\"p\":1,\"deadline\":5}",
             36,
-            "key \"deadline\" has no place in a request line; it takes ev, at, t, p, due, x",
+            "key \"deadline\" is not allowed in a request line; it takes ev, at, t, p, due, x",
         ),
         (
             b"{\"ev\":\"tick\",\"at\":1,\"t\":2}",
             21,
-            "key \"t\" has no place in a tick line; it takes ev, at, x",
+            "key \"t\" is not allowed in a tick line; it takes ev, at, x",
         ),
         (b"{\"ev\":\"result\",\"at\":1,\"p\":0}", 28, &format!("key \"t\" is missing in {result}")),
         (
@@ -186,10 +186,10 @@ fn headers_beyond_their_limits_are_refused() {
     let sixteen = format!("{{\"fuseline\":1,\"window\":1,\"clouds\":[{}]}}", sixteen.join(","));
     let last = sixteen.rfind("{\"p\":16").expect("it is there") as u64 + 1;
     refused(&[
-        (b"{\"fuseline\":2}", 13, "fuseline, the format's version, is 2; this reads 1"),
+        (b"{\"fuseline\":2}", 13, "fuseline, the format's version, is 2; this version reads 1"),
         (b"{\"fuseline\":1.0}", 13, "expected NUMBER, found `1.0`"),
-        (b"{\"fuseline\":1,\"window\":0}", 24, "window is 0; it is 1 to 1024"),
-        (b"{\"fuseline\":1,\"window\":1025}", 24, "window is 1025; it is 1 to 1024"),
+        (b"{\"fuseline\":1,\"window\":0}", 24, "window is 0; it must be from 1 to 1024"),
+        (b"{\"fuseline\":1,\"window\":1025}", 24, "window is 1025; it must be from 1 to 1024"),
         (
             b"{\"fuseline\":1,\"window\":1}",
             25,
@@ -199,7 +199,7 @@ fn headers_beyond_their_limits_are_refused() {
         (
             b"{\"fuseline\":1,\"window\":1,\"clouds\":[],\"ev\":\"tick\"}",
             38,
-            "key \"ev\" has no place in a header line; it takes fuseline, operator, window, \
+            "key \"ev\" is not allowed in a header line; it takes fuseline, operator, window, \
              commit, clouds, x",
         ),
         (b"{\"commit\":\"lazy\"}", 11, "unknown commit \"lazy\"; it is one of eager or patient"),
@@ -212,9 +212,9 @@ fn headers_beyond_their_limits_are_refused() {
         ),
         (b"{\"clouds\":{}}", 11, "expected `[` at the start of clouds, found `{`"),
         (b"{\"clouds\":[1]}", 12, "expected `{` at the start of a cloud's entry, found `1`"),
-        (b"{\"clouds\":[{\"p\":0}]}", 17, "p of a cloud is 0; it is 1 to 65535"),
-        (b"{\"clouds\":[{\"p\":65536}]}", 17, "p of a cloud is 65536; it is 1 to 65535"),
-        (b"{\"clouds\":[{\"limit\":0}]}", 21, "limit of a cloud is 0; it is at least 1"),
+        (b"{\"clouds\":[{\"p\":0}]}", 17, "p of a cloud is 0; it must be from 1 to 65535"),
+        (b"{\"clouds\":[{\"p\":65536}]}", 17, "p of a cloud is 65536; it must be from 1 to 65535"),
+        (b"{\"clouds\":[{\"limit\":0}]}", 21, "limit of a cloud is 0; it must be at least 1"),
         (b"{\"clouds\":[{\"p\":1}]}", 12, &format!("key \"limit\" is missing in {takes}")),
         (b"{\"clouds\":[{\"limit\":1}]}", 12, &format!("key \"p\" is missing in {takes}")),
         (b"{\"clouds\":[{\"q\":1}]}", 13, &format!("unknown key \"q\" in {takes}")),

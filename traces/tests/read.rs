@@ -40,7 +40,7 @@ fn events_come_with_their_line_and_its_bytes() {
 
 #[test]
 fn a_trace_without_a_header_is_refused() {
-    assert_eq!(error(b""), "a.jsonl:1:1: the trace is empty; its first line is a header");
+    assert_eq!(error(b""), "a.jsonl:1:1: the trace is empty; its first line must be a header");
     assert_eq!(
         error(format!("{TICK}\n").as_bytes()),
         "a.jsonl:1:1: the first line is an event, but a trace begins with a header: {\"fuseline\":1,…}"

@@ -46,7 +46,10 @@ impl Db3Messages {
             Connection::open_with_flags(path, flags).map_err(|error| error.to_string())?;
         for table in ["topics", "messages"] {
             if !has_table(&connection, table).map_err(|error| error.to_string())? {
-                return Err(format!("no recording of ROS 2: it has no table {table}"));
+                return Err(format!(
+                    "not a ROS 2 recording: the database has no table {table}; give a .db3 file of \
+                     ros2 bag record"
+                ));
             }
         }
         Self::of_topics(connection, names).map_err(|error| error.to_string())
@@ -110,7 +113,9 @@ impl Db3Messages {
             data => data,
         };
         let (Ok(log_time), Some(data)) = (u64::try_from(at), data) else {
-            return Err(format!("message {id}: it has a time before 1970, or more than 40 MiB"));
+            return Err(format!(
+                "message {id}: its time is before 1970, or it is longer than 40 MiB"
+            ));
         };
         let Some((topic, format)) = self.topics.get(&topic) else { return Ok(None) };
         Ok(Some(RawMessage { topic: *topic, log_time, format: Rc::clone(format), data }))

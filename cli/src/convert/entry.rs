@@ -138,7 +138,9 @@ impl Sources {
             return Ok(p);
         }
         let known = listed(name, self.known.keys().map(String::as_str));
-        Err(format!("no source; the header has {known}; if it is local, give --local {name}"))
+        Err(format!(
+            "not a known source; the header has {known}; if it is local, give --local {name}"
+        ))
     }
 
     /// Returns `true` if the header has a source of this priority, if there is a header.

@@ -96,7 +96,9 @@ fn counts(entries: &[&Entry], sources: &Sources) -> String {
 /// Says when a run was, and how far apart its messages are.
 fn times(run: &Run) -> String {
     let (Some(first), Some(last)) = (run.entries.first(), run.entries.last()) else {
-        return "no event; name what the log has with --column, --event, --frame, --span or --topic".to_owned();
+        return "no event was found; give the names in the log with --column, --event, --frame, \
+                --span or --topic"
+            .to_owned();
     };
     let (from, to) = (first.place.within(), last.place.within());
     let text = format!("{} from {from} to {to}", shown(last.at - first.at));
@@ -207,7 +209,7 @@ impl Facts {
         let step = self.step.min(100 * MS);
         if needed > step.max(MS) {
             let by = shown(-early);
-            let why = format!("an output is stamped up to {by} before the result that it has");
+            let why = format!("an output is stamped up to {by} before its result");
             return (up_to(needed, 10), why);
         }
         if step > MS {
@@ -215,7 +217,10 @@ impl Facts {
         }
         let shortest = self.shortest_deadline().unwrap_or(i128::MAX);
         let least = MS.min((shortest / 20).max(1_000)).max(step);
-        (up_to(least, 10), "stamps of one host; nothing in the log asks for more".to_owned())
+        (
+            up_to(least, 10),
+            "all stamps seem to come from one host; nothing in the log needs more".to_owned(),
+        )
     }
 
     /// Returns the lateness that the log suggests, and why.
@@ -223,7 +228,7 @@ impl Facts {
         let mut waits = self.waits.clone();
         waits.sort_unstable();
         let Some(median) = median(&waits) else {
-            let why = "no output waited for a deadline; this is what timers usually need";
+            let why = "no output waited for a deadline, so this is what timers usually need";
             return (5 * MS, why.to_owned());
         };
         let (count, range) = (waits.len(), range(&waits).unwrap_or_default());
@@ -255,16 +260,17 @@ impl Facts {
         if let Some(shortest) = self.shortest_deadline().filter(|it| *it <= unnoticed) {
             let (shortest, unnoticed) = (shown(shortest), shown(unnoticed));
             let warning = format!(
-                "warning: {file}: a deadline of {shortest} is not longer than what may pass unnoticed, {unnoticed}"
+                "warning: {file}: the shortest deadline is {shortest}, and a result that is late \
+                 by up to {unnoticed} passes unnoticed"
             );
             screen.line("", &warning);
         }
         if let Some(period) = self.period.map(|period| up_to(period, 100)) {
-            let adds = format!("--period {} adds that messages come in time", option(period));
+            let adds =
+                format!("--period {} also checks that messages come in time", option(period));
             let end = Some(shown(self.end)).filter(|_| self.end > period + unnoticed);
-            let but = end.map(|end| {
-                format!(", but takes the end of the log, {end} after its last message, for a gap")
-            });
+            let but =
+                end.map(|end| format!(", but counts the {end} after the last message as a gap"));
             screen.line("", &(adds + but.as_deref().unwrap_or_default()));
         }
     }

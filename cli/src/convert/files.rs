@@ -49,7 +49,7 @@ pub(super) enum Content {
 }
 
 /// The note about a file that belongs to others.
-pub(super) const PART: &str = "it is one part of a bag of";
+pub(super) const PART: &str = "it is one file of a bag";
 /// This many bytes at the beginning of a file decide what the file is.
 const START: usize = 1 << 16;
 
@@ -66,13 +66,16 @@ pub(super) fn files(
             let parts = parts(path).filter(|parts| !parts.is_empty());
             parts.ok_or_else(|| {
                 let message =
-                    "a folder without metadata.yaml, .mcap or .db3; name one of its files";
+                    "the folder has no metadata.yaml, .mcap or .db3 file; name one of its files";
                 Problem::of_file(&name, message)
             })?
         } else {
             let others = path.parent().and_then(listed).unwrap_or_default();
             if others.len() > 1 && others.contains(path) && paths.len() == 1 {
-                let detail = format!("{} files; name the folder to read all of them", others.len());
+                let detail = format!(
+                    "the bag has {} files; name the folder to read all of them",
+                    others.len()
+                );
                 notes.add_of_file(PART, &name, detail);
             }
             vec![path.clone()]
@@ -127,8 +130,8 @@ impl LogFile {
     fn new(path: PathBuf, from: Option<Format>) -> Result<Self, Problem> {
         let name: Arc<str> = input::name(&path).into();
         let Some(format) = from.or_else(|| format_of(&path)) else {
-            let message =
-                "neither .csv, .jsonl, .mcap nor .db3, packed or not; say which it is with --from";
+            let message = "the name does not end in .csv, .jsonl, .mcap or .db3, packed or not; \
+                           give the format with --from";
             return Err(Problem::of_file(&name, message));
         };
         Ok(Self { path, name, format, is_given: from.is_some() })

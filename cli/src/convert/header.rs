@@ -14,7 +14,10 @@ const WINDOW: &str = "16";
 /// The reason why no header can be written.
 #[derive(Debug, Error)]
 enum HeaderAnswerError {
-    #[error("--write-header asks for {0}, and the answers have ended; answer on standard input")]
+    #[error(
+        "--write-header asks for {0}, but standard input has ended; answer there, one line for \
+         each question"
+    )]
     Ended(String),
     #[error("--write-header: {answer:?} is not {wanted}")]
     Wrong { answer: String, wanted: &'static str },

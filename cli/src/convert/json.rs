@@ -68,7 +68,7 @@ pub(super) fn array(
     let read = inner.read_to_string(&mut text);
     read.map_err(|error| Problem::of_read(&Place::new(file, Spot::File), &error))?;
     let objects: Vec<Box<RawValue>> = serde_json::from_str(&text)
-        .map_err(|error| Problem::of_file(file, format!("no JSON array of objects: {error}")))?;
+        .map_err(|error| Problem::of_file(file, format!("not a JSON array of objects: {error}")))?;
     let file = Arc::clone(file);
     Ok((1..).zip(objects).map(move |(number, object)| {
         let place = Place::new(&file, Spot::Element(number));
@@ -162,15 +162,15 @@ fn no_object(text: &str, error: &serde_json::Error) -> String {
     let start: String = text.chars().take(40).collect();
     let found = match text.as_bytes().first() {
         Some(b'{') if text.starts_with("{'") => {
-            "it has quotes as Python prints them; write lines with json.dumps".to_owned()
+            "it has Python's single quotes; write lines with json.dumps".to_owned()
         }
         Some(b'{') if error.is_eof() => {
-            "it ends within an object; one object a line is read, as `jq -c .` writes it".to_owned()
+            "it ends within an object; write each object on one line, as `jq -c .` does".to_owned()
         }
         Some(b'{') => error.to_string(),
         _ => format!("it begins with {start:?}"),
     };
-    format!("not a JSON object: {found}; --skip-bad leaves such lines out")
+    format!("not a JSON object: {found}; --skip-bad skips such lines")
 }
 
 #[cfg(test)]

@@ -31,7 +31,7 @@ pub(super) const EVENTS: [(&str, &[&str]); 14] = [
 /// Returns the word among these that a user wrote.
 pub(super) fn word(noun: &str, given: &str, all: &[&'static str]) -> Result<&'static str, String> {
     let known = all.iter().find(|known| **known == given).copied();
-    known.ok_or_else(|| format!("no {noun}{given:?}; it is one of {}", all.join(", ")))
+    known.ok_or_else(|| format!("there is no {noun}{given:?}; give one of {}", all.join(", ")))
 }
 
 /// Reads `KEY=NAME`: a key of the trace, and the file's name for it.
@@ -44,7 +44,10 @@ pub(super) fn column(text: &str) -> Result<(&'static str, String), String> {
 pub(super) fn event(text: &str) -> Result<(String, &'static str), String> {
     let (name, event) = text.rsplit_once('=').ok_or("write NAME=EV, such as response=result")?;
     let known = EVENTS.iter().map(|(known, _)| *known).chain([""]).find(|known| *known == event);
-    let event = known.ok_or_else(|| format!("no event {event:?} in a trace"))?;
+    let event = known.ok_or_else(|| {
+        let all: Vec<&str> = EVENTS.iter().map(|(known, _)| *known).collect();
+        format!("a trace has no event {event:?}; give one of {}", all.join(", "))
+    })?;
     Ok((name.to_owned(), event))
 }
 

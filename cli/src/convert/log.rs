@@ -21,7 +21,7 @@ const FEW: usize = 3;
 const DAY: i128 = 86_400_000_000_000;
 const MINUTE: i128 = 60_000_000_000;
 
-const GUESSED: &str = "outputs that do not say whose result they are (the last one was taken)";
+const GUESSED: &str = "outputs that do not say whose result they are (the latest result was taken)";
 const GIVEN_UP: &str = "messages that end without a result, read as given up";
 const DISORDER: &str = "events that came after later ones and were sorted";
 const REPEATED: &str = "events that repeat an earlier one in every value";
@@ -29,7 +29,7 @@ pub(super) const TWICE: &str = "messages whose id was opened before";
 pub(super) const BACKWARDS: &str = "messages with a lower id than the one before";
 const TEXTS: &str = "messages numbered in their order, because their ids are texts (x keeps them)";
 const MIXED: &str = "lines whose id is not a whole number, although others are";
-const NEGATIVE: &str = "instants before 0; all were moved";
+const NEGATIVE: &str = "instants before 0, so all instants were moved";
 const UNREGISTERED: &str = "events of sources that the header does not have";
 const EARLY: &str = "results before their requests";
 const SILENT: &str = "outputs of a source without a request, a result or a failure";
@@ -101,31 +101,34 @@ impl Log {
         for entry in self.entries.iter_mut().filter(is_guessed) {
             let all = entry.t.as_ref().and_then(|t| results.get(t)).into_iter().flatten();
             let before = all.filter(|(at, _)| *at <= entry.at + CLOCK_STEP);
+            let option = match self.kind {
+                LogKind::Spans => "--attribute by=NAME",
+                LogKind::Frames => "--frame by=COLUMN",
+                LogKind::Events => "--column p=NAME",
+            };
             let Some((last, p)) = before.clone().max().copied() else {
                 if self.kind == LogKind::Spans {
                     entry.ev = "miss";
                     notes.add(GIVEN_UP, &entry.place, String::new);
                     continue;
                 }
-                let message = "the output does not say whose result it is, and its message has none before it";
+                let message = format!(
+                    "the output does not say whose result it is, and no result of its message came \
+                     before it; name the source with {option}"
+                );
                 return Err(Problem::at(&entry.place, message));
-            };
-            let option = match self.kind {
-                LogKind::Spans => "--attribute by=NAME",
-                LogKind::Frames => "--frame by=COLUMN",
-                LogKind::Events => "--column p=NAME",
             };
             let mut others = before.filter(|(at, other)| *other != p && last - at < CLOCK_STEP);
             if let Some((_, other)) = others.next() {
                 let (one, other) = (sources.name(p), sources.name(*other));
                 let message = format!(
-                    "the output does not say whose result it is, and those of {one} and {other} came at once; name \
-                     what says so with {option}"
+                    "the output does not say whose result it is, and the results of {one} and \
+                     {other} came at the same time; name the source with {option}"
                 );
                 return Err(Problem::at(&entry.place, message));
             }
             entry.p = Some(p);
-            let remedy = || format!("{option} names what says so");
+            let remedy = || format!("if the log names the source, say where with {option}");
             notes.add_with(GUESSED, &entry.place, || sources.name(p), remedy);
         }
         Ok(())
@@ -161,9 +164,9 @@ impl Log {
             return vec![false; self.entries.len()];
         }
         let remedy = if is_unique {
-            "they were left out"
+            "they were skipped"
         } else {
-            "if something was logged twice, leave them out with --unique"
+            "if something was logged twice, skip the copies with --unique"
         };
         let mut seen: HashMap<_, &Place> = HashMap::new();
         let mut repeats = Vec::with_capacity(self.entries.len());
@@ -171,7 +174,7 @@ impl Log {
             let content = entry.content();
             let first = seen.get(&content).filter(|_| entry.ev != "tick");
             if let Some(first) = first {
-                let detail = || format!("as at {}", first.within());
+                let detail = || format!("a copy of {}", first.within());
                 notes.add_with(REPEATED, &entry.place, detail, || remedy);
             }
             repeats.push(first.is_some());
@@ -327,7 +330,8 @@ impl Run {
             && had > span
         {
             let detail = format!(
-                "the shortest has {}, the log lasts {}; is --unit right, such as --unit deadline=ms?",
+                "the shortest deadline is {}, but the log lasts only {}; is the unit right (--unit \
+                 deadline=ms)?",
                 shown(had),
                 shown(span)
             );
@@ -367,13 +371,13 @@ impl Run {
             if halves > 0 && apart.abs() - halves * 30 * MINUTE <= MINUTE {
                 let side = if apart < 0 { "before" } else { "after" };
                 let detail = || format!("{} {} {side} it", entry.ev, shown(apart.abs()));
-                let remedy = || "is one in local time, and the other in UTC?";
+                let remedy = || "is one of them in local time and the other in UTC?";
                 notes.add_with(ZONES, &entry.place, detail, remedy);
             }
             let request = entry.p.and_then(|p| firsts.get(&("request", t, p)));
             let early = request.filter(|_| entry.ev == "result").map_or(0, |at| at - entry.at);
             if early > CLOCK_STEP {
-                let remedy = || "is each an instant, and of one clock?";
+                let remedy = || "are both instants, and of the same clock?";
                 notes.add_with(EARLY, &entry.place, || format!("by {}", shown(early)), remedy);
             }
         }

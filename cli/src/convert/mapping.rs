@@ -15,9 +15,17 @@ const BY_DEFAULT: [&str; 7] = ["ev", "at", "t", "p", "due", "deadline", "backlog
 /// Keys that are read only where they are named, though they say much if they mean the same as in a
 /// trace.
 const UNREAD: [(&str, &str, &str); 4] = [
-    ("of", "values of the key \"of\", which no --column names", "whose value a result is"),
-    ("for", "values of the key \"for\", which no --column names", "which message a value is for"),
-    ("try", "values of the key \"try\", which no --column names", "which attempt a line is of"),
+    (
+        "of",
+        "values of the key \"of\", which no --column names",
+        "the message that a value was computed from",
+    ),
+    (
+        "for",
+        "values of the key \"for\", which no --column names",
+        "the message that a value is meant for",
+    ),
+    ("try", "values of the key \"try\", which no --column names", "the number of an attempt"),
     (
         "within",
         "values of the key \"within\", which no --column names",
@@ -148,7 +156,7 @@ impl Mapping<'_> {
             let text = row.cell(key).unwrap_or_default();
             let is_read = view.kind != ViewKind::Column || view.given(key).is_some();
             if keys.contains(&key) && !is_read && !text.is_empty() {
-                let remedy = || format!("if it says {what}, give --column {key}={key}");
+                let remedy = || format!("if it is {what}, give --column {key}={key}");
                 self.notes.add_with(kind, &row.place, || text.to_owned(), remedy);
             }
         }
@@ -172,7 +180,8 @@ impl Mapping<'_> {
         let shown = name.escape_debug();
         let message = || {
             format!(
-                "unknown event {name:?}; say what it is with --event {shown}=EV, or leave it out with --event {shown}="
+                "unknown event {name:?}; say which event it is with --event {shown}=EV, or skip it \
+                 with --event {shown}="
             )
         };
         known.map(Some).ok_or_else(|| Problem::at(&row.place, message()))
@@ -250,7 +259,7 @@ impl Mapping<'_> {
         }
         let problem = Self::without_deadline(row, view, &source);
         if self.sources.are_gathered() {
-            let remedy = || "--deadline TIME states one for them";
+            let remedy = || "state one for all of them with --deadline TIME";
             self.notes.add_with(UNTIMED, &row.place, || problem.without_remedy(), remedy);
             return Ok(());
         }
@@ -265,10 +274,10 @@ impl Mapping<'_> {
             None if view.reads("deadline") => {
                 format!("there is no {} {name:?}", view.kind.option_and_noun().1)
             }
-            None => "no column is named for it".to_owned(),
+            None => "no column is given for it".to_owned(),
         };
-        let remedy =
-            "give it a value, or state one deadline for requests without: --deadline 100ms";
+        let remedy = "give the request one, or state one for all requests that have none, such as \
+                      --deadline 100ms";
         let message = format!("the request to {source} has no deadline: {found}; {remedy}");
         let lacks = view.given("deadline").map(|named| ProblemKind::Lacks(named.name.to_string()));
         Problem::of_kind(lacks.unwrap_or(ProblemKind::Row), &row.place, message)
@@ -348,27 +357,28 @@ impl Mapping<'_> {
 
     /// Returns the problem of a key that a row lacks, which has the user's own name for it.
     fn lacking(row: &Row, view: &View<'_>, key: &str, ev: &str) -> Problem {
-        let of = if ev == "row" { String::new() } else { format!(" of this {ev}") };
+        let this = format!("this {ev}");
         let ((option, noun), name) = (view.kind.option_and_noun(), view.name(key));
         let given = view.given(key).map(|it| format!(", which {option} names for {}", it.what));
         let message = match (row.cell(name), &given) {
             (Some(text), _) if !text.trim().is_empty() => {
-                format!("{noun} {name:?}{of} is {text}, which --missing says is no value")
+                format!("{noun} {name:?} of {this} is {text}, which --missing says is no value")
             }
-            (Some(_), None) => format!("{noun} {name:?}{of} is empty"),
-            (Some(_), Some(given)) => format!("{noun} {name:?}{of}{given}, is empty"),
+            (Some(_), None) => format!("{noun} {name:?} of {this} is empty"),
+            (Some(_), Some(given)) => format!("{noun} {name:?} of {this}{given}, is empty"),
             (None, Some(given)) if view.kind == ViewKind::Span => {
-                format!("no {noun} {name:?}{of}{given}; --skip-bad leaves such messages out")
+                format!("{this} has no {noun} {name:?}{given}; --skip-bad skips such messages")
             }
-            (None, Some(given)) => format!("no {noun} {name:?}{of}{given}"),
+            (None, Some(given)) => format!("{this} has no {noun} {name:?}{given}"),
             (None, None) => {
                 let all = listed(key, row.cells.iter().map(|(name, _)| &**name));
                 let separator = match row.cells.len() {
-                    1 => "; --separator says what stands between cells",
+                    1 => "; give the character between cells with --separator",
                     _ => "",
                 };
                 format!(
-                    "no key {key:?}{of}; name it with {option} {key}=NAME; the row has {all}{separator}"
+                    "{this} has no key {key:?}; name it with {option} {key}=NAME; the row has \
+                     {all}{separator}"
                 )
             }
         };

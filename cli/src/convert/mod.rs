@@ -153,7 +153,7 @@ pub(crate) struct Args {
     #[arg(long)]
     truncated: bool,
     /// Sort the events by their instants, as for a log made of several files. Without this option
-    /// convert also sorts them, and notes it.
+    /// convert sorts them too, but notes that it did.
     #[arg(long)]
     sort: bool,
     /// Begin another trace where the log restarts: OUTPUT-1, OUTPUT-2 and so on.
@@ -174,13 +174,19 @@ enum OptionError {
     #[error("--frame is for rows of CSV and JSON; give --column for others")]
     Frames,
     #[error(
-        "--topic was given several times; say what the messages of each are, such as open=/camera, or which keys say so, with \
-         --column"
+        "--topic was given several times; give each topic its event, such as --topic open=/camera, \
+         or name the keys that say it with --column"
     )]
     Topics,
-    #[error("one recording at a time; its parts are read with --column")]
+    #[error(
+        "several recordings of trace lines cannot be read at once; convert one at a time, or read \
+         the parts of one recording with --column"
+    )]
     Recordings,
-    #[error("--write-header asks on standard input; name a file to convert")]
+    #[error(
+        "--write-header asks its questions on standard input, so the log cannot come from there; \
+         name a file"
+    )]
     Asking,
     #[error("--split writes a file for each run; name one with -o, such as -o trace.jsonl")]
     Split,
@@ -202,8 +208,7 @@ impl Args {
         }
         let mut databases = files.iter().filter(|file| file.format == Format::Db3);
         if let Some(file) = databases.find(|file| is_standard(&file.path)) {
-            let message =
-                "a database of rosbag2 is read from a file of its own, and not from standard input";
+            let message = "a database of rosbag2 cannot come from standard input; name its file";
             return Err(Problem::of_file(&file.name, message).into());
         }
         Ok(files)
@@ -243,9 +248,9 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
         let recorded = RecordedTrace::open(args, &files[0], &args.topic[0].name)?.header();
         if let Ok(Some(_)) = recorded {
             let message = if args.explain {
-                "it is a trace already; `fuseline check` judges it"
+                "it is a trace already; judge it with `fuseline check`"
             } else {
-                "it has a header, which --write-header would replace; leave that out"
+                "it has a header already; convert it without --write-header"
             };
             return Err(Problem::of_file(&files[0].name, message).into());
         }

@@ -141,8 +141,8 @@ pub(super) fn unknown<'n>(
 ) -> String {
     let space = if noun.is_empty() { "" } else { " " };
     let all = listed(name, all);
-    let has = if all.is_empty() { all } else { format!("; the file has {all}") };
-    format!("no {noun}{space}{name:?} in the file, which {option} names{has}")
+    let has = if all.is_empty() { all } else { format!("; it has {all}") };
+    format!("{option}: the file has no {noun}{space}{name:?}{has}")
 }
 
 /// Returns the names that there are, the closest to another first, for an error.

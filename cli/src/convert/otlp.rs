@@ -88,20 +88,20 @@ pub(super) fn read(file: &Arc<str>, inner: impl Read) -> Result<ReadSpans, Probl
         let export = match export {
             Ok(export) => export,
             Err(error) if error.is_eof() || error.is_io() => {
-                let message = format!("no OTLP JSON: {error}");
+                let message = format!("not OTLP JSON: {error}");
                 let place = Place::new(file, Spot::File);
                 spans.push(Err(Problem::of_kind(ProblemKind::Cut, &place, message)));
                 break;
             }
             Err(error) => {
-                let remedy = "text that a logger wrote around it is taken off by grep -o '{.*}'";
-                return Err(Problem::of_file(file, format!("no OTLP JSON: {error}; {remedy}")));
+                let remedy = "if a logger wrote text around it, remove that with grep -o '{.*}'";
+                return Err(Problem::of_file(file, format!("not OTLP JSON: {error}; {remedy}")));
             }
         };
         gather(file, &export, 0, &mut spans);
         if spans.is_empty() && has_both(&export.to_string()) {
-            let message = "spans as Jaeger or Zipkin had them before OTLP; export them as OTLP JSON, such as by Jaeger's \
-                           /api/v3";
+            let message = "the spans are in an older format of Jaeger or Zipkin; export them as \
+                           OTLP JSON, for example with Jaeger's /api/v3";
             return Err(Problem::of_file(file, message));
         }
     }
@@ -155,7 +155,7 @@ fn span(file: &Arc<str>, object: &Value) -> Result<SpanRecord, Problem> {
         .map_err(|error: serde_json::Error| Problem::at(&place, error.to_string()))?;
     let instant = |key: &str, value: &Value| {
         let read = value.as_u64().or_else(|| value.as_str()?.parse().ok());
-        let message = || format!("it has {key} {value}, which is no number of nanoseconds");
+        let message = || format!("its {key} is {value}; it must be a whole number of nanoseconds");
         read.or(value.is_null().then_some(0)).ok_or_else(|| Problem::at(&place, message()))
     };
     let start = instant("startTimeUnixNano", &exported.start_time_unix_nano)?;

@@ -33,12 +33,17 @@ impl PayloadDecoder {
                 protobuf::message_type(&schema.name, &schema.data).map(Self::Protobuf)
             }
             ("cdr" | "protobuf", None) => {
-                return Err(format!("it is {}, and the file has no schema of it", format.encoding));
+                return Err(format!(
+                    "its encoding is {}, and the file has no schema for it",
+                    format.encoding
+                ));
             }
             (encoding, schema) => {
-                let by = schema.map_or_else(String::new, |(by, _)| format!(" by a schema in {by}"));
+                let by =
+                    schema.map_or_else(String::new, |(by, _)| format!(" with a schema in {by}"));
                 return Err(format!(
-                    "it is {encoding}{by}; json, cdr by ros2msg and protobuf are read"
+                    "its encoding is {encoding}{by}; convert reads json, cdr with a schema in \
+                     ros2msg, and protobuf"
                 ));
             }
         };

@@ -147,7 +147,7 @@ impl<'a> LogReader<'a> {
         let mut reader = file.open()?;
         let what = match file.content(&mut *reader)? {
             Content::Trace => {
-                let message = "it is a trace already; `fuseline check` judges it";
+                let message = "it is a trace already; judge it with `fuseline check`";
                 return Err(Problem::of_file(name, message).into());
             }
             Content::Table => {
@@ -301,7 +301,7 @@ impl<'a> LogReader<'a> {
             self.mapping.notes.add_of_file("mistyped", file, message);
         }
         if self.log.entries.is_empty() && !self.args.explain {
-            let message = "no event in the log; --explain shows what was read";
+            let message = "the log has no event; see with --explain what was read";
             return Err(Problem::of_file(file, message));
         }
         let Self { args, mut mapping, mut log, views, given, recorded, .. } = self;
@@ -360,7 +360,7 @@ impl<'a> LogReader<'a> {
         let unknown_source = |name: &str, option: String| {
             let has = listed(name, sources.names().filter(|known| *known != name));
             let file = if sources.are_gathered() { "log" } else { "header" };
-            format!("no source {name:?} in the log, which {option} names; the {file} has {has}")
+            format!("{option}: the log has no source {name:?}; the {file} has {has}")
         };
         all.extend(sources.local_unseen().map(|name| unknown_source(name, "--local".to_owned())));
         for name in args.deadline.iter().filter_map(|(name, _)| name.as_deref()) {

@@ -144,7 +144,8 @@ impl<'o> RunSoFar<'o> {
         };
         is_contradicted.then(|| {
             format!(
-                "the log restarts here: message {} opens {} before message {} ({}), which stands before it",
+                "the log restarts here: message {} opens {} before message {} ({}), which comes \
+                 first in the log",
                 opening.id,
                 shown(latest.at - opening.at),
                 latest.id,
@@ -163,7 +164,8 @@ impl<'o> RunSoFar<'o> {
         let seen = self.seen.get(opening.id)?;
         next.filter(|next| next.rank <= self.highest)?;
         Some(format!(
-            "the log restarts here: message {} comes after message {}, and was opened before ({})",
+            "the log restarts here: message {} comes after message {}, but was opened before that \
+             ({})",
             opening.id,
             last.id,
             seen.place.within()
@@ -173,7 +175,7 @@ impl<'o> RunSoFar<'o> {
     /// Notes what is odd and no restart. Returns whether ids went back.
     fn note(&self, opening: &Opening<'_>, is_ranked: bool, notes: &mut Notes) -> bool {
         if let Some(seen) = self.seen.get(opening.id) {
-            let detail = || format!("message {}, as at {}", opening.id, seen.place.within());
+            let detail = || format!("message {}, first at {}", opening.id, seen.place.within());
             notes.add(TWICE, opening.place, detail);
             false
         } else if let Some(last) = self.last

@@ -120,7 +120,7 @@ impl Problem {
     pub(super) fn of_kind(kind: ProblemKind, place: &Place, message: impl Into<String>) -> Self {
         let message = message.into().replace(char::is_control, "\u{fffd}");
         let remedy = match kind {
-            ProblemKind::Cut => "; --truncated reads what stands before",
+            ProblemKind::Cut => "; read everything before that with --truncated",
             _ => "",
         };
         Self { place: place.clone(), message: message + remedy, kind }

@@ -66,7 +66,7 @@ impl SpanReader<'_, '_> {
             span.row.cells.iter().for_each(|(key, _)| self.mapping.names.add(key));
         }
         if spans.is_empty() {
-            return Err(Problem::of_file(file, "no whole span in the file"));
+            return Err(Problem::of_file(file, "the file has no complete span"));
         }
         self.options.refuse_mistyped(file, spans)?;
         let spans = self.unique(spans);
@@ -74,7 +74,8 @@ impl SpanReader<'_, '_> {
         if messages.is_empty() {
             let all = listed("", spans.iter().map(|span| &*span.name));
             let message = format!(
-                "no span is a message; name them with --span message=NAME; the file has {all}"
+                "no span is a message; name the spans that are messages with --span message=NAME; \
+                 the file has {all}"
             );
             return Err(Problem::of_file(file, message));
         }
@@ -132,7 +133,7 @@ impl SpanReader<'_, '_> {
         let has_id = |span: &&SpanRecord| self.options.value(span, "t").is_some();
         self.has_ids = self.options.names("t") || found.iter().any(has_id);
         for span in found.iter().filter(|_| !self.has_ids) {
-            let remedy = || "--attribute t=NAME names their ids";
+            let remedy = || "if they have ids, name the attribute with --attribute t=NAME";
             self.mapping.notes.add_with(NUMBERED, &span.row.place, String::new, remedy);
         }
         let message = |(number, span)| SpanMessage { number, span, calls: Vec::new() };
@@ -275,7 +276,7 @@ impl SpanReader<'_, '_> {
         row.cells.extend(id.map(|id| ((*name).into(), id)));
         let view = self.options.view(ev, source);
         let entry = self.mapping.entry(&row, message.number, &view)?;
-        entry.ok_or_else(|| Problem::at(&row.place, "it is no event"))
+        entry.ok_or_else(|| Problem::at(&row.place, "it is not an event"))
     }
 
     /// Notes a call that failed as its message ended: the caller may have ended it.

@@ -45,8 +45,8 @@ impl<R: Read> Iterator for TableRows<R> {
         };
         let place = Place::new(&self.file, Spot::Line(line));
         if record.iter().eq(self.names.iter().map(|name| &**name)) {
-            let message = "the names of the columns stand here again, as after a restart; split the file here, or \
-                           leave such rows out with --skip-bad";
+            let message = "the row repeats the names of the columns, as after a restart; split the \
+                           file here, or skip such rows with --skip-bad";
             return Some(Err(Problem::at(&place, message)));
         }
         let cells = self.names.iter().cloned().zip(record.iter().map(str::to_owned)).collect();
@@ -58,8 +58,8 @@ fn problem(file: &Arc<str>, error: &TableError) -> Problem {
     let place = Place::new(file, Spot::Line(error.line));
     match error.source.kind() {
         ErrorKind::UnequalLengths { .. } => {
-            let remedy =
-                "--separator says what stands between cells, --skip-bad leaves such rows out";
+            let remedy = "give the character between cells with --separator, or skip such rows \
+                          with --skip-bad";
             Problem::at(&place, format!("{error}; {remedy}"))
         }
         ErrorKind::Utf8 { .. } => Problem::at(&place, error.to_string()),

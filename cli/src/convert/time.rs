@@ -44,7 +44,7 @@ impl Unit {
     pub(super) fn named(name: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|(known, ..)| *known == name);
         let found = found.map(|(_, unit, _)| unit);
-        found.ok_or_else(|| format!("no unit {name:?}; it is one of ns, us, ms, s"))
+        found.ok_or_else(|| format!("there is no unit {name:?}; give ns, us, ms or s"))
     }
 
     /// Returns its name, and how many digits it has more than a nanosecond.
@@ -68,7 +68,7 @@ pub(super) fn duration(text: &str, unit: Unit) -> Result<Time, String> {
     let (name, digits) = unit.described();
     let time = decimal(text, digits).or_else(|| with_unit(text));
     let time = time.ok_or_else(|| {
-        format!("no duration; it takes a number of {name}, or one with its unit such as 5ms")
+        format!("not a duration; write a number of {name}, or a number with its unit such as 5ms")
     })?;
     if time.nanos < 0 {
         let text = text.trim();
@@ -92,8 +92,8 @@ pub(super) fn instant(text: &str, unit: Unit) -> Result<Time, String> {
     }
     time.ok_or_else(|| {
         format!(
-            "no instant; it takes a number of {name}, one with its unit such as 5ms, or a time of day such as \
-             2026-11-25T18:00:00.5Z"
+            "not an instant; write a number of {name}, a number with its unit such as 5ms, or a \
+             time of day such as 2026-11-25T18:00:00.5Z"
         )
     })
 }
@@ -106,10 +106,13 @@ pub(super) fn id(text: &str) -> Result<Id, String> {
     }
     let number = decimal(text, 0);
     if text.starts_with('-') && number.is_some() {
-        return Err(format!("a negative number, which names no message; {}", none_of(text)));
+        return Err(format!(
+            "a negative number, which cannot be the id of a message; {}",
+            none_of(text)
+        ));
     }
     if is_no_value(text) {
-        return Err("no id".to_owned());
+        return Err("not an id".to_owned());
     }
     let time = with_unit(text).or_else(|| time_of_day(text)).or(number);
     Ok(time.and_then(whole).map_or_else(|| Id::Text(text.into()), Id::Number))
@@ -118,7 +121,7 @@ pub(super) fn id(text: &str) -> Result<Id, String> {
 /// Reads a whole number, such as `3` or `3.0`.
 pub(super) fn number(text: &str) -> Result<u64, String> {
     let number = decimal(text, 0).and_then(whole);
-    number.ok_or_else(|| "no number; it takes a whole one from 0 to 2^64 - 1".to_owned())
+    number.ok_or_else(|| "not a whole number from 0 to 2^64 - 1".to_owned())
 }
 
 fn whole(time: Time) -> Option<u64> {
@@ -286,7 +289,7 @@ mod tests {
             assert_eq!(id(text), Ok(read), "{text}");
         }
         assert!(id("-1").unwrap_err().contains("--missing=-1"));
-        assert_eq!(id("NaN"), Err("no id".to_owned()));
+        assert_eq!(id("NaN"), Err("not an id".to_owned()));
     }
 
     #[test]

@@ -174,9 +174,9 @@ impl ServiceRows {
         let Some(first) = self.first else { return };
         let kind = if self.has_client {
             log.entries.retain(|entry| !self.rows.contains(&entry.row));
-            "events of a service's server, skipped because its client's events are there"
+            "events of a service's server, skipped because the log has its client's"
         } else {
-            "events that a service's server had, read for its client's, which were not recorded"
+            "events of a service's server, read in place of its client's, which were not recorded"
         };
         for _ in &self.rows {
             notes.add(kind, &first, String::new);

@@ -159,8 +159,10 @@ impl<'a> RecordedTrace<'a> {
     fn problem(&self, error: &MessageError) -> Problem {
         let remedy = match error {
             MessageError::None(_) => "; name another with --topic",
-            MessageError::Encoding { .. } => "; name the fields of others with --column",
-            error if error.is_cut() => "; --truncated reads what stands before",
+            MessageError::Encoding { .. } => {
+                "; if they are not lines of a trace, name their fields with --column"
+            }
+            error if error.is_cut() => "; read everything before that with --truncated",
             _ => "",
         };
         Problem::of_file(&self.file.name, format!("{error}{remedy}"))
@@ -237,6 +239,7 @@ pub(super) fn write_recording(
 
 /// Returns the problem of a log without a header.
 pub(super) fn no_header(file: &LogFile) -> Problem {
-    let message = "no header; give one with --header FILE, a file that begins with {\"fuseline\":1,…}; --write-header makes one";
+    let message = "there is no header; give --header FILE, a file that begins with \
+                   {\"fuseline\":1,…}, or make one with --write-header";
     Problem::of_file(&file.name, message)
 }

@@ -139,7 +139,7 @@ fn markdown(report: &DriveReport) -> String {
     for CaseRow { case, word, .. } in rows(report) {
         let _ = writeln!(text, "| {case} | {word} |");
     }
-    text.push_str("\n| reached where it passes | |\n|---|---|\n");
+    text.push_str("\n| reached by the runs that pass | |\n|---|---|\n");
     for (kind, count) in reached(report) {
         let _ = writeln!(text, "| {kind} | {count} |");
     }
@@ -193,7 +193,9 @@ fn html(report: &DriveReport) -> String {
         };
         let _ = writeln!(text, "<tr><td>{}<td class=\"{colour}\">{word}", escaped(&case));
     }
-    text.push_str("</table>\n<table class=\"reached\">\n<tr><th>reached where it passes<th>\n");
+    text.push_str(
+        "</table>\n<table class=\"reached\">\n<tr><th>reached by the runs that pass<th>\n",
+    );
     for (kind, count) in reached(report) {
         let _ = writeln!(text, "<tr><td>{kind}<td>{}", escaped(&count));
     }

@@ -43,12 +43,13 @@ use crate::sink::OutputSink;
 /// The reason why a command cannot be driven.
 #[derive(Debug, Error)]
 enum CommandError {
-    #[error("--save {}: a file; name a folder", .path.display())]
+    #[error("--save {}: this is a file; name a folder", .path.display())]
     NoFolder { path: PathBuf },
     #[error("{command:?}: {}; give a program that can be started", plain(.source))]
     Start { command: OsString, source: io::Error },
     #[error(
-        "{command}: it ended before it answered a first header ({status}); run it by hand and type a header to see why"
+        "{command}: it ended before it answered the first header ({status}); run it by hand and \
+         type a header to see why"
     )]
     Died { command: String, status: ExitStatus },
 }

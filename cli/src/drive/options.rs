@@ -56,7 +56,7 @@ pub(crate) struct Args {
     /// The seed of the generated runs.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The generator of the runs. Seeds of 1 keep their runs; 2 finds more.
+    /// The generator of the runs: 1 is the older one, whose seeds keep their runs; 2 finds more.
     #[arg(long, value_name = "VERSION", default_value = "2")]
     generator: GeneratorVersion,
     /// The commit rule to drive.

@@ -65,7 +65,7 @@ pub(super) enum ProtocolViolation {
     Closed,
     #[error("it answered {line:?}, column {column}: {message}")]
     Garbage { line: String, column: u64, message: String },
-    #[error("it answered with a line that is no decision: {0}")]
+    #[error("it answered with a line that is not a decision: {0}")]
     NoDecision(String),
     #[error("it answered more than {0} lines without {{\"ev\":\"done\"}}")]
     Endless(usize),

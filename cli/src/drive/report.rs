@@ -34,7 +34,7 @@ const EXPECTED: &str =
     "its decisions, one a line, then {\"ev\":\"done\"}; nothing else goes to standard output";
 /// The reason why cases were not tried.
 const GAVE_UP: &str =
-    "it does not answer by the protocol, so no other case was tried; mend that first";
+    "it does not follow the protocol, so no other case was tried; correct that first";
 
 /// The results of driving a command.
 pub(super) struct DriveReport {
@@ -160,7 +160,7 @@ impl ReportedFinding {
         }
         match &self.replay {
             Some(replay) => writeln!(out, "  replay    {replay}"),
-            None => writeln!(out, "  replay    with --save FOLDER it can be shown again"),
+            None => writeln!(out, "  replay    give --save FOLDER to save the run and replay it"),
         }
     }
 
@@ -176,7 +176,8 @@ impl ReportedFinding {
                 runs.len()
             )),
             Need::Unknown => Some(
-                "It did not show again, alone or after the runs before it: the command decides the same inputs differently."
+                "It did not appear again, alone or after the runs before it: the command decides \
+                 the same inputs differently each time."
                     .to_owned(),
             ),
         }
@@ -292,7 +293,7 @@ impl DriveReport {
             .map(|(option, all)| format!("not driven: {} ({option})", all.join(", ")))
             .collect();
         if parts.is_empty() {
-            "nothing else was found that could be driven".to_owned()
+            "everything that drive knows of was driven".to_owned()
         } else {
             parts.join("; ")
         }

@@ -15,7 +15,7 @@ fn reported(line: &str) -> String {
     match parse(line.as_bytes()) {
         Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),
         // It says that there is none.
-        Ok(_) | Err(_) => "nothing more is decided".to_owned(),
+        Ok(_) | Err(_) => "there is no further decision".to_owned(),
     }
 }
 
@@ -52,10 +52,10 @@ fn input(input: &Input) -> String {
 fn decision(decision: &Decision) -> String {
     match *decision {
         Decision::Timer { t, p: 0, .. } => {
-            format!("local is not waited for any more on message {t}: its deadline is over")
+            format!("the wait for local on message {t} ends: its deadline is over")
         }
         Decision::Timer { t, p, .. } => {
-            format!("cloud {p} is not waited for any more on message {t}: its deadline is over")
+            format!("the wait for cloud {p} on message {t} ends: its deadline is over")
         }
         Decision::RefuseOpen { t, why, .. } => {
             format!("message {t} is refused ({why}): {}", why.sentence())
@@ -78,19 +78,16 @@ fn decision(decision: &Decision) -> String {
             )
         }
         Decision::Emit { t, p, .. } => {
-            format!("the result of {} is forwarded as the one for message {t}", who(p))
+            format!("the result of {} is forwarded as the output for message {t}", who(p))
         }
         Decision::Final { t, p, .. } => {
             format!("message {t} is done: nothing better than the result of {} will come", who(p))
         }
         Decision::Miss { t, .. } => {
-            format!("message {t} is given up: nothing came and nothing will")
+            format!("message {t} is missed: no result came, and none will")
         }
         Decision::Cancel { t, p, .. } => {
-            format!(
-                "the call of {} for message {t} is cancelled: it is not needed any more",
-                who(p)
-            )
+            format!("the call to {} for message {t} is cancelled: it is no longer needed", who(p))
         }
     }
 }

@@ -38,8 +38,8 @@ pub(super) struct SpanWriter<W> {
     is_first: bool,
 }
 
-const OUTPUT: &str = "outputs beside the one that a message's span has";
-const REQUEST: &str = "requests that a message's span has already";
+const OUTPUT: &str = "outputs beyond the one that a message's span has";
+const REQUEST: &str = "requests that repeat one of their message's span";
 const OPEN: &str = "opens of messages that have one";
 const STRANGER: &str = "lines of messages without an open";
 const END: &str = "instants after the last span, at which something open may be overdue";

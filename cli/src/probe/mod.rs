@@ -55,9 +55,13 @@ enum ProbeError {
     Remote { url: String, source: RemoteError },
     #[error("{url}: {why}; {remedy}")]
     Silent { url: String, why: String, remedy: &'static str },
-    #[error("--plot -: it is read twice; name a file")]
+    #[error(
+        "--plot -: the recording is read twice, so it cannot come from standard input; name a file"
+    )]
     Stdin,
-    #[error("--csv -: the rows are printed as they come; name a file")]
+    #[error(
+        "--csv -: the recording cannot go to standard output, where the summary goes; name a file"
+    )]
     Stdout,
     #[error("{file}: {}; make room, or name another --csv", plain(.source))]
     Write { file: String, source: csv::Error },

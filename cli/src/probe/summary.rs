@@ -88,7 +88,7 @@ impl fmt::Display for ProbeSummary {
             skipped = counted(skipped, "slot"),
         )?;
         if missed > 0 {
-            writeln!(f, "This machine was busy elsewhere and missed {}.", counted(missed, "slot"))?;
+            writeln!(f, "This host was busy and missed {}.", counted(missed, "slot"))?;
         }
         let row = |name: &str, QuantileRow { p50, p90, p99, max }: QuantileRow, of| {
             let [p50, p90, p99, max] = [p50, p90, p99, max].map(quantile);
@@ -105,8 +105,9 @@ impl fmt::Display for ProbeSummary {
         writeln!(f, "\n{}\n", table(header, rows, 1..6))?;
         writeln!(
             f,
-            "Slots: a skipped one counts until its pause ends, and a failed one never ends.\n\
-             In time: {} ms are left to compute within {} ms. Lost: {} of what was sent.\n\
+            "Slots: a skipped slot counts until its pause ends, and a failed slot never ends.\n\
+             In time: the round trip leaves {} ms to compute within {} ms. Lost: {} of what was \
+             sent.\n\
              {}: the recording, for fuseline run --drive west={}",
             self.runtime_ms,
             self.deadline_ms,
@@ -195,7 +196,7 @@ mod tests {
                 "1000 slots at 30.5 a second.",
                 "800 sent: 600 answered, 150 failed, 50 unanswered at the end.",
                 "1 pause, 2.3 s in all; 190 slots skipped.",
-                "This machine was busy elsewhere and missed 10 slots.",
+                "This host was busy and missed 10 slots.",
                 "",
                 "round trip p50 p90 p99 max in time",
                 lines[7].as_str(),
@@ -203,8 +204,9 @@ mod tests {
                 "slots 12 ms ≥ 40 ms never never 30.3 %",
                 "paper's 5G drive 68 ms 336 ms 3027 ms – –",
                 "",
-                "Slots: a skipped one counts until its pause ends, and a failed one never ends.",
-                "In time: 118 ms are left to compute within 500 ms. Lost: 25.0 % of what was sent.",
+                "Slots: a skipped slot counts until its pause ends, and a failed slot never ends.",
+                "In time: the round trip leaves 118 ms to compute within 500 ms. Lost: 25.0 % of \
+                 what was sent.",
                 "drive.csv: the recording, for fuseline run --drive west=drive.csv",
             ]
         );

@@ -30,7 +30,7 @@ pub(crate) enum CloudFileError {
     Toml { file: String, line: usize, message: String },
     #[error("{file}:{line}: {source}")]
     Cloud { file: String, line: usize, source: CloudError },
-    #[error("{file}:{line}: key {key:?}: a {value} is neither text nor a number")]
+    #[error("{file}:{line}: key {key:?} has a {value} as its value; give text or a number")]
     Type { file: String, line: usize, key: String, value: &'static str },
 }
 
@@ -109,7 +109,7 @@ mod tests {
             ("cloud = 3", "1: "),
             ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1: priority is missing"),
             ("\n\n[[cloud]]\nnome = \"a\"", "4: there is no key \"nome\""),
-            ("[[cloud]]\nname = true", "2: key \"name\": a boolean is neither"),
+            ("[[cloud]]\nname = true", "2: key \"name\" has a boolean as its value"),
             (
                 "[[cloud]]\nname = \"a\"\npriority = 1\nmodel = \"m\"\nruntime = 45",
                 "5: runtime \"45\" is not valid; it must be more than 0",

@@ -15,7 +15,7 @@ pub(super) enum RunError {
     Remote { cloud: String, source: RemoteError },
     #[error("{0}; choose other options for the clouds or the window")]
     Spawn(#[from] SpawnError),
-    #[error("no port on 127.0.0.1: {}; free some", plain(.0))]
+    #[error("no port on 127.0.0.1 is free: {}; end programs that hold ports", plain(.0))]
     Loopback(io::Error),
     #[error("{trace}: {why}; the tables show what was written: make room, or name another --trace")]
     Unrecorded { trace: String, why: String },

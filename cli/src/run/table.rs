@@ -79,7 +79,7 @@ fn link(plan: &RunPlan) -> String {
             let is_recorded =
                 plan.link_drive().is_some_and(|cloud| cloud.drive.rate(way, cloud.start).is_some());
             match (recorded.filter(|_| is_recorded), fixed) {
-                (Some(drive), _) => Some(format!("{name} as {drive} has it")),
+                (Some(drive), _) => Some(format!("{name} as in {drive}")),
                 (None, Some(rate)) => Some(format!("{name} {} Mbit/s", megabits(rate))),
                 (None, None) => None,
             }
@@ -133,8 +133,8 @@ fn undescribed(plan: &RunPlan) -> String {
     for CloudPlan { name, served, .. } in &plan.clouds {
         let Some(why) = &served.describe_error else { continue };
         let known = match served.model {
-            Some(_) => "its model is as --cloud says",
-            None => "nothing is known of its model",
+            Some(_) => "its model is the one that --cloud names",
+            None => "its model is unknown",
         };
         // Writing to a string does not fail.
         let _ = writeln!(lines, "{name}: its server did not say what it serves ({why}); {known}.");
@@ -182,12 +182,12 @@ impl RunReport {
     fn caveats(&self) -> Vec<String> {
         let mut caveats = vec![
             format!(
-                "AP is COCO's box AP; a message without output, or whose result came after {} ms or \
-                 more, counts 0.",
+                "AP is COCO's box AP; a message counts 0 if it has no output, or if its result \
+                 took {} ms or more.",
                 self.deadline_ms
             ),
-            "Progressive answers at once and improves on it until then: its times are of the first \
-             output, its\nAP is of the last."
+            "Progressive sends its first output at once and better ones until then: its times are \
+             for the\nfirst output, and its AP is for the last."
                 .to_owned(),
         ];
         let BoundedFigure { at_least, at_most } = self.outage_messages;
@@ -199,14 +199,15 @@ impl RunReport {
                 _ => format!("{at_least} to {outages}"),
             };
             caveats.push(format!(
-                "Outages are {outages} that some cloud would not have answered by then."
+                "Outages are {outages} that at least one cloud would not have answered by then."
             ));
         }
         let refused: u64 = self.totals.rows.iter().map(RequestRow::refused).sum();
         if self.refused + refused > 0 {
             caveats.push(format!(
-                "All policies have the same limits: a window of {}, gates, {} to a cloud at once.\n\
-                 What they refused, {} and {}, no policy has.",
+                "All policies have the same limits: a window of {}, gates, and {} to a cloud at \
+                 once.\n\
+                 They refused {} and {}, so no policy has results for these.",
                 self.window,
                 counted(self.calls as u64, "call"),
                 counted(self.refused, "message"),
@@ -214,19 +215,22 @@ impl RunReport {
             ));
         }
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
-            caveats.push("? is not known: a model has no figure.".to_owned());
+            caveats.push(
+                "A ? under mean AP means that the AP of a model is unknown; give it with ap=AP."
+                    .to_owned(),
+            );
         }
         if self.policies.iter().any(PolicyReport::has_bounds) {
             caveats.push(
-                "≥, ≤, – between figures, and ? in time are bounds: calls were ended before their \
-                 results came,\nor never made, so that it is not known what they would have given."
+                "≥, ≤, – and a ? under in time mark bounds: some calls were ended before their results \
+                 came,\nor were never made, so their results are unknown."
                     .to_owned(),
             );
         }
         if let Some(lag) = self.timer_lag_ms {
             caveats.push(format!(
-                "At the deadline timers commit what is held; they were served up to {lag:.1} ms \
-                 late."
+                "At the deadline, timers forward the best result so far; they fired up to {lag:.1} \
+                 ms late."
             ));
         }
         caveats

@@ -14,8 +14,9 @@ const SECOND: f64 = 390.0;
 
 pub(crate) fn plots(result: &ArbitrageResult) -> Vec<Plot> {
     let (rows, reactions) = (result.rows.clone(), result.human_reaction);
-    let caption = "For each of the paper's models the runtime on board, and its round trip and runtime in the cloud: at the \
-        median, with a line to the 90th percentile. Upright: how fast humans react.";
+    let caption = "For each of the paper's models the runtime on board, and its round trip and \
+                   runtime in the cloud: at the median, with a line to the 90th percentile. The \
+                   vertical lines are human reaction times.";
     vec![Plot::new("arbitrage", caption, move |theme| {
         let height = u32::try_from(rows.len()).unwrap_or(0) * 54 + 160;
         let words = (

@@ -32,9 +32,9 @@ pub(crate) fn text(result: &ArbitrageResult) -> String {
         let [least, greatest] = result.human_reaction;
         writeln!(
             text,
-            "\nEven at: the round trip at which both are as fast. p50 to p99: the cloud's runtime\n\
-             and the paper's round trips. First: for how much of {} recorded networks the\n\
-             cloud is first. Humans react in {least:.0} to {greatest:.0} ms.",
+            "\nEven at: the round trip at which both are equally fast. p50 to p99: the cloud's\n\
+             runtime plus the paper's round trip. First: the share of {} recorded networks, by\n\
+             time, for which the cloud is first. Humans react in {least:.0} to {greatest:.0} ms.",
             result.drives.len()
         )
     })

@@ -19,7 +19,10 @@ pub(crate) fn text(result: &JaywalkingResult) -> String {
 /// Writes the events that may happen, and whether their plans are ready.
 fn hypotheses(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {
     let Some(mean) = result.mean_response else { return Ok(()) };
-    writeln!(text, "\nIf something else happens, with plans requested the likeliest first:")?;
+    writeln!(
+        text,
+        "\nIf something else happens, and the plans are requested the likeliest first:"
+    )?;
     writeln!(
         text,
         "  {:<24}{:>12}{:>12}{:>10}",

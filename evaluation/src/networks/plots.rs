@@ -24,7 +24,8 @@ pub(crate) fn plots(result: &NetworksResult) -> Vec<Plot> {
         y_name: "impact energy, m²/s²",
         of: |row| row.energy,
     };
-    let cut = "Lines leave at the top where the policies no longer differ, and local where it is far above.";
+    let cut = "Lines leave the chart at the top where the policies no longer differ. Local leaves \
+               it where it is far above the others.";
     vec![
         collisions
             .plot(result, format!("Collisions in % over the speed, policies side by side. {cut}")),

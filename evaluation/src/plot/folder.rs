@@ -26,7 +26,8 @@ pub enum FolderError {
     },
     /// The folder is not empty.
     #[error(
-        "{0}: not empty; name a new folder, or replace what has the same names in it with --force"
+        "{0}: the folder is not empty; name a new one, or replace files of the same names with \
+         --force"
     )]
     NotEmpty(String),
     /// A file in it cannot be written.

@@ -113,7 +113,8 @@ fn beside(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
         Some(intervals) => {
             writeln!(
                 text,
-                "\nHow narrow that is. Alone, each may be changed so far with all 90 cells kept:"
+                "\nHow narrow that is: each parameter alone may change this far while all 90 \
+                 cells stay:"
             )?;
             for interval in intervals {
                 let name = format!("--{}", interval.parameter.replace('_', "-"));
@@ -125,7 +126,10 @@ fn beside(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
             }
         }
         None => {
-            writeln!(text, "\nWith these parameters not all of the paper's 90 cells come out.")?;
+            writeln!(
+                text,
+                "\nWith these parameters some of the paper's 90 cells do not come out."
+            )?;
         }
     }
     let Constants { some, best } = &beside.constants;
@@ -162,7 +166,7 @@ fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
     };
     writeln!(
         text,
-        "\nWhat the paper does not tell: the cloud's model, R101, on board ({ON_BOARD} s)"
+        "\nWhat the paper does not say: the cloud's model, R101, on board ({ON_BOARD} s)"
     )?;
     write!(text, "  {:<34}", "m/s")?;
     for row in &beside.on_board {

@@ -210,10 +210,13 @@ impl CauseTracker {
         {
             let jump = before.map_or(0, |before| greatest - before);
             return if jump > DAY {
-                format!("line {off} is {} after all before it; is its stamp right?", nanos(jump))
+                format!(
+                    "line {off} is {} later than every line before it; is its stamp right?",
+                    nanos(jump)
+                )
             } else {
                 let by = nanos(greatest - at);
-                format!("line {line} is {by} before the others; is its stamp right?")
+                format!("line {line} is {by} earlier than the others; is its stamp right?")
             };
         }
         if was_opened && matches!(event, Event::Input(Input::Open { .. })) {
@@ -239,7 +242,7 @@ impl CauseTracker {
         let line =
             self.first_repeated.map_or_else(String::new, |line| format!(", line {line} first"));
         let text =
-            format!("lines stand twice in the trace{line}; is the log written or exported twice?");
+            format!("lines stand twice in the trace{line}; was the log written or exported twice?");
         causes.push(Some((self.repeated, text)));
         let clocks = [
             (self.after, "after the outputs that contain them", "ahead"),
@@ -252,7 +255,7 @@ impl CauseTracker {
                 let than =
                     if p == 0 { than.replace("requests", "messages") } else { than.to_owned() };
                 let about = if is_zone(by) {
-                    "; is its time zone another?".to_owned()
+                    "; does its clock use another time zone?".to_owned()
                 } else {
                     format!("; is its clock {is}?")
                 };
@@ -297,9 +300,9 @@ const fn is_zone(by: u64) -> bool {
 
 fn of_early(samples: Vec<u64>) -> Option<(u64, String)> {
     let (explained, by) = constant(samples)?;
-    let what = if is_zone(by) { "time zone another" } else { "clock behind" };
-    let text =
-        format!("outputs come {} before the opens of their messages; is their {what}?", nanos(by));
+    let what =
+        if is_zone(by) { "do they use another time zone?" } else { "is their clock behind?" };
+    let text = format!("outputs come {} before the opens of their messages; {what}", nanos(by));
     Some((explained, text))
 }
 
@@ -307,7 +310,7 @@ fn of_early(samples: Vec<u64>) -> Option<(u64, String)> {
 /// delay.
 fn of_late(samples: Vec<u64>) -> Option<(u64, String)> {
     let (explained, by) = constant(samples).filter(|(_, by)| is_zone(*by))?;
-    Some((explained, format!("outputs come {} late; is their time zone another?", nanos(by))))
+    Some((explained, format!("outputs come {} late; do they use another time zone?", nanos(by))))
 }
 
 /// Explains outputs that are missing, or that have timestamps without a message.
@@ -317,12 +320,13 @@ fn of_outputs(
     missing: u64,
 ) -> Option<(u64, String)> {
     if !has_output {
-        let text = "the trace has no output at all; did the log have them, under another name?";
+        let text = "the trace has no output at all; does the log have outputs under another name?";
         return (missing > 1).then(|| (missing, text.to_owned()));
     }
     let first = first.filter(|_| strange > 1)?;
     let text = format!(
-        "outputs are of timestamps that no open has, {first} first; do they have the timestamps of their messages?"
+        "outputs have timestamps that no open has, {first} first; do they have the timestamps of \
+         their messages?"
     );
     Some((strange + missing.min(strange), text))
 }

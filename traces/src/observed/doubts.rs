@@ -220,8 +220,8 @@ impl DoubtTracker {
     fn coarse(&self, slack: &SourceSlack) -> Option<Doubt> {
         let late = nanos(slack.unnoticed(0));
         let found = format!(
-            "{} of {} deadlines are no longer than {late}, by which a late result may pass \
-             (lateness and twice the tolerance); take both as small as the clocks allow",
+            "{} of {} deadlines are no longer than {late} (the lateness plus twice the tolerance), \
+             so late results may pass; give both as small as the clocks allow",
             self.coarse, self.deadlines
         );
         (self.coarse > 0).then(|| Doubt::new(DoubtKind::Coarse, self.coarse, found))
@@ -237,7 +237,7 @@ impl DoubtTracker {
         }
         let found = if is_all {
             format!(
-                "the whole trace lies within {}, and the lateness and twice the tolerance are {}",
+                "the whole trace lies within {}, but the lateness plus twice the tolerance is {}",
                 nanos(span),
                 nanos(reach)
             )

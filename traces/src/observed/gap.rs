@@ -97,7 +97,7 @@ impl Gap {
         let Self { after, from, to, .. } = *self;
         let length = to - from;
         match after {
-            Some(t) => format!("no open for {length} ns after that of timestamp {t}, at {from}"),
+            Some(t) => format!("no open for {length} ns after the open of timestamp {t} at {from}"),
             None => format!("no open in {length} ns, from {from} to {to}"),
         }
     }

@@ -81,7 +81,8 @@ pub enum JudgeError {
 /// Reports a line that is further out of order than the tolerances allow.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
-    "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; {remedy}"
+    "{file}:{line}:1: the line at {at} follows a line at {greatest}, but the tolerances of both \
+     allow only {tolerance} ns; {remedy}"
 )]
 pub struct TimeOrderError {
     /// The name that the trace was given.

@@ -42,7 +42,7 @@ pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedV
 pub(super) fn of_late_open(t: u64, whole: &WholeMessageHistory, by: u64) -> UnlocatedViolation {
     let line = whole.first_open.unwrap_or_default();
     let found = format!("an open of timestamp {t} {} after its first output", nanos(by));
-    let expected = "the open before what comes of it".to_owned();
+    let expected = "the open before the output".to_owned();
     UnlocatedViolation::new(Rule::F1, line, found, expected)
 }
 
@@ -158,7 +158,7 @@ fn of_value(
             (Rule::D2, format!("of {latest} or less: no result of p {p} had a later value"))
         }
         (None, Some(latest)) if !is_allowed(latest) => {
-            (Rule::D2, format!("{}; the result's was of {latest}", allowed_values(allowed)))
+            (Rule::D2, format!("{}; the result had a value of {latest}", allowed_values(allowed)))
         }
         _ if meant_for.is_some_and(|it| it != t) => (Rule::D18, meant_value(t)),
         _ if is_astray => (Rule::D18, format!("{}; no result of p {p} had one", meant_value(t))),
@@ -242,8 +242,8 @@ fn of_contradiction(
     }
     let found = outputs(t, story);
     let expected =
-        "an open first, and each request before what comes of it; no order of these lines \
-                    within the tolerance has that"
+        "an open first, and each request before its result or failure; no order of these lines \
+         within the tolerance allows that"
             .to_owned();
     let rule = Rule::F1;
     UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion: None }
@@ -377,7 +377,7 @@ impl OutputFault {
             (Some(came), Some(due), _) => {
                 let may_pass = match slack.unnoticed(p) {
                     0 => String::new(),
-                    late => format!(", and may pass up to {} later", nanos(late)),
+                    late => format!(", and one up to {} late may pass", nanos(late)),
                 };
                 let expected =
                     format!("{}: its result was due at {due}{may_pass}", of_what(p, allowed));
@@ -411,7 +411,7 @@ fn outputs(t: u64, story: &MessageHistory) -> String {
     let outputs = story.outputs.iter().map(|(p, at)| output(t, *p, *at));
     let finals = story.finals.iter().map(|(p, at)| Decision::Final { at: *at, t, p: *p });
     let reported: Vec<String> = outputs.chain(finals).map(|output| output.to_string()).collect();
-    if reported.is_empty() { "nothing came out".to_owned() } else { reported.join(" and ") }
+    if reported.is_empty() { "no output".to_owned() } else { reported.join(" and ") }
 }
 
 const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {

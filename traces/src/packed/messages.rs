@@ -29,7 +29,7 @@ pub enum MessageError {
     #[error("{0}")]
     Io(#[source] io::Error),
     /// The topic's messages have another encoding.
-    #[error("topic {topic} is encoded as {encoding:?}; a trace's is json")]
+    #[error("topic {topic} is encoded as {encoding:?}, but the lines of a trace are json")]
     Encoding {
         /// The topic.
         topic: String,
@@ -45,7 +45,7 @@ pub enum MessageError {
         source: ParseError,
     },
     /// The file has no message of the topic.
-    #[error("no message of topic {0}")]
+    #[error("there is no message on topic {0}")]
     None(String),
 }
 

@@ -55,11 +55,13 @@ pub(super) enum FieldShape {
 /// The reason why bytes are no message of a type.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub(in crate::convert) enum CdrError {
-    #[error("it is CDR of the kind {0:#06x}; plain CDR of ROS 2 is 0x0000 or 0x0001")]
+    #[error(
+        "its CDR encapsulation is {0:#06x}; convert reads plain CDR, which is 0x0000 or 0x0001"
+    )]
     Encapsulation(u16),
-    #[error("its bytes end within {0}")]
+    #[error("it ends within {0}")]
     Short(&'static str),
-    #[error("its type lies too deep or too often within itself")]
+    #[error("its type is nested too deeply, or has too many messages within")]
     Nested,
 }
 

@@ -11,7 +11,8 @@ const DEPTH: usize = 16;
 /// Returns the type of this name among the descriptors, a `FileDescriptorSet`.
 pub(super) fn message_type(name: &str, descriptors: &[u8]) -> Result<MessageDescriptor, String> {
     let pool = DescriptorPool::decode(descriptors).map_err(|error| error.to_string())?;
-    pool.get_message_by_name(name).ok_or_else(|| "the descriptors lack it".to_owned())
+    pool.get_message_by_name(name)
+        .ok_or_else(|| "the file's descriptors do not define it".to_owned())
 }
 
 /// Returns the values of a message by their paths, such as `header.stamp`; lists, maps and bytes

@@ -58,7 +58,7 @@ fn type_of(
     let package = name.split_once('/').map_or("", |(package, _)| package);
     let mut fields = Vec::new();
     for line in lines.iter().filter(|line| !line.is_empty() && !line.starts_with('#')) {
-        let no_field = || format!("{name} has a line {line:?}, which is no field");
+        let no_field = || format!("{name} has a line {line:?}, which is not a field");
         let (kind, rest) = line.split_once(char::is_whitespace).ok_or_else(no_field)?;
         let rest = rest.trim_start();
         let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
@@ -69,8 +69,9 @@ fn type_of(
         }
         let (kind, shape) = shape_of(kind);
         let shape = shape.ok_or_else(no_field)?;
-        let kind = kind_of(kind, package, places)
-            .ok_or_else(|| format!("{name} has the type {kind:?}, which has no definition"))?;
+        let kind = kind_of(kind, package, places).ok_or_else(|| {
+            format!("{name} has a field of type {kind:?}, which the schema does not define")
+        })?;
         fields.push(CdrField { name: field.to_owned(), kind, shape });
     }
     Ok(CdrType { fields, is_time: TIMES.contains(&name) })

@@ -114,9 +114,9 @@ fn a_type_that_has_no_end_is_refused() {
 #[test]
 fn a_definition_that_is_not_understood_is_refused() {
     for (text, expected) in [
-        ("wstring name\n", "the type \"wstring\", which has no definition"),
-        ("other_msgs/Thing thing\n", "the type \"other_msgs/Thing\""),
-        ("int32\n", "a line \"int32\", which is no field"),
+        ("wstring name\n", "of type \"wstring\", which the schema does not define"),
+        ("other_msgs/Thing thing\n", "of type \"other_msgs/Thing\""),
+        ("int32\n", "a line \"int32\", which is not a field"),
         ("int32[x] y\n", "a line \"int32[x] y\""),
     ] {
         let error = layout("a/A", text).unwrap_err();

@@ -195,11 +195,12 @@ fn what_a_server_did_not_say_is_reported_with_what_is_known_of_it() {
     assert_eq!(known[2], "2 a DINO-SWIN-Tiny on A100 90.1 ms http://h:1, vnperf/x");
     assert_eq!(
         known[5],
-        "a: its server did not say what it serves (no answer); its model is as --cloud says."
+        "a: its server did not say what it serves (no answer); its model is the one that --cloud \
+         names."
     );
     let unknown = remote("", None);
     assert_eq!(unknown[2], "2 a http://h:1");
-    assert!(unknown[5].ends_with("(no answer); nothing is known of its model."), "{unknown:?}");
+    assert!(unknown[5].ends_with("(no answer); its model is unknown."), "{unknown:?}");
     assert_eq!((known.len(), unknown.len()), (6, 6));
 }
 
@@ -316,11 +317,12 @@ fn each_figure_of_a_report_stands_where_it_belongs() {
     };
     assert!(expected.iter().enumerate().all(same), "{text:#?}");
     let caveats = text[expected.len()..].join(" ");
-    let refused = "All policies have the same limits: a window of 5, gates, 2 calls to a cloud at once. \
-                   What they refused, 7 messages and 6 requests, no policy has.";
+    let refused = "All policies have the same limits: a window of 5, gates, and 2 calls to a cloud \
+                   at once. They refused 7 messages and 6 requests, so no policy has results for \
+                   these.";
     assert!(caveats.contains(refused), "{caveats}");
-    assert!(caveats.contains("after 80 ms or more, counts 0. Progressive answers"), "{caveats}");
-    for absent in ["Outages", "? is not known", "≥, ≤", "timers commit"] {
+    assert!(caveats.contains("took 80 ms or more. Progressive sends"), "{caveats}");
+    for absent in ["Outages", "A ? under mean AP", "≥, ≤", "timers forward"] {
         assert!(!caveats.contains(absent), "{caveats}");
     }
     let early = RunReport { interrupted: true, ..reported() }.to_string();
@@ -338,7 +340,7 @@ fn each_caveat_stands_where_it_is_one() {
     let cases: [(ReportChange, &str); 7] = [
         (
             |report| report.outage_messages = BoundedFigure::exactly(1),
-            "Outages are the 1 message that some cloud would not have answered by then.",
+            "Outages are the 1 message that at least one cloud would not have answered by then.",
         ),
         (
             |report| report.outage_messages = BoundedFigure { at_least: 0, at_most: 3 },
@@ -348,16 +350,13 @@ fn each_caveat_stands_where_it_is_one() {
             |report| report.outage_messages = BoundedFigure { at_least: 2, at_most: 3 },
             "Outages are 2 to 3 messages that",
         ),
-        (|report| report.policies[0].mean_ap = None, "? is not known: a model has no figure."),
+        (|report| report.policies[0].mean_ap = None, "A ? under mean AP means"),
         (
             |report| report.policies[0].sent_is_at_least = true,
-            "≥, ≤, – between figures, and ? in time are bounds",
+            "≥, ≤, – and a ? under in time mark bounds",
         ),
-        (|report| report.timer_lag_ms = Some(1.26), "they were served up to 1.3 ms late."),
-        (
-            |report| report.refused = 0,
-            "What they refused, 0 messages and 6 requests, no policy has.",
-        ),
+        (|report| report.timer_lag_ms = Some(1.26), "they fired up to 1.3 ms late."),
+        (|report| report.refused = 0, "They refused 0 messages and 6 requests, so no policy"),
     ];
     for (change, expected) in cases {
         assert!(caveats(change).contains(expected), "{expected}: {}", caveats(change));
