@@ -239,13 +239,13 @@ impl fmt::Display for EngineConfigError {
             Self::Machine(error) => error.fmt(f),
             Self::OneOutput { cloud } => write!(
                 f,
-                "the policy of {cloud} promises what holds for one output a message, and under progressive there may be more; \
-                 give another policy, or commit patient"
+                "the policy of {cloud} assumes one output for each message, but commit progressive \
+                 may send more; give another policy, or commit patient"
             ),
             Self::Linger { cloud } => write!(
                 f,
-                "the policy of {cloud} does not probe, and its calls do not linger, so that it would never wait for a cloud \
-                 again that was gone; give it probe_every, or the cloud a linger"
+                "the policy of {cloud} neither probes nor sees lingering calls, so it would never \
+                 notice that the cloud is back; give the policy probe_every, or the cloud a linger"
             ),
             Self::Workload(errors) => write!(f, "the operator could not keep up: {errors}"),
         }

@@ -264,7 +264,11 @@ impl<V, R> Engine<V, R> {
         let index = self.sources.index(p);
         let max_age = index.map_or(0, |index| self.sources[index].max_age);
         if let Some(of) = of.filter(|of| !(t.saturating_sub(max_age)..=t).contains(of)) {
-            return self.fail(at, t, p, &format_args!("the value is of message {of}"));
+            let least = t.saturating_sub(max_age);
+            let why = format_args!(
+                "the value was computed from message {of}; it must be from messages {least} to {t}"
+            );
+            return self.fail(at, t, p, &why);
         }
         if let Some(meant_for) = meant_for.filter(|meant_for| *meant_for != t) {
             return self.fail(

@@ -113,14 +113,14 @@ impl fmt::Display for CapacityError {
                     workload.rate
                 )?;
                 if *needs > 1024 {
-                    f.write_str(" (1024 is the most there is)")?;
+                    f.write_str(" (but at most 1024 are possible)")?;
                 }
                 let cap = (number(has.saturating_sub(2)) / workload.rate - LATENESS).max(0.0);
                 let local = workload.local_response.as_secs_f64();
                 if cap >= local {
                     write!(f, ", or cap deadlines at {cap:.3} s")
                 } else {
-                    write!(f, "; no deadline is short enough, for local takes {local} s")
+                    write!(f, "; no deadline is short enough, because local takes {local} s")
                 }
             }
             Self::Calls { workload, cloud, has, needs } => {

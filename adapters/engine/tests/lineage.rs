@@ -188,7 +188,10 @@ fn a_value_of_another_message_is_a_failure() {
     run.engine.result(13, 0, 0, of("no message's", 7));
     let items = run.items();
     assert_eq!(forwarded(&items[0]).value, "local");
-    assert_eq!(&*items[0].failures[0].why, "the value is of message 0");
+    assert_eq!(
+        &*items[0].failures[0].why,
+        "the value was computed from message 0; it must be from messages 1 to 1"
+    );
     assert_eq!(items[1].ending, Ending::Missed);
     assert_eq!(run.lines(&["fail", "result"]).len(), 4);
 }

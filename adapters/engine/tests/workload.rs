@@ -43,8 +43,8 @@ fn what_cannot_be_met_says_so() {
     let error = workload(60.0, 1.0).check(16, 31, []).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "a window of 16 for 30 messages a second that are open for up to 60 s: give 1803 (1024 is the \
-         most there is); no deadline is short enough, for local takes 1 s"
+        "a window of 16 for 30 messages a second that are open for up to 60 s: give 1803 (but at \
+         most 1024 are possible); no deadline is short enough, because local takes 1 s"
     );
     let endless = Workload { longest_deadline: Duration::MAX, ..workload(0.0, 0.3) };
     assert!(endless.check(1024, 1024, []).is_err());

@@ -156,10 +156,10 @@ pub enum SpawnError {
         error: io::Error,
     },
     /// The [configured](Config::timers) timers are not available.
-    #[error("no timer to wake the operator: {0}")]
+    #[error("there is no timer to wake the operator: {0}")]
     Timers(io::Error),
     /// A thread for local cannot be started.
-    #[error("no thread for the local computation: {0}")]
+    #[error("no thread can be started for the local computation: {0}")]
     Threads(io::Error),
 }
 

@@ -25,5 +25,5 @@ pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
     if let Some(text) = panic.downcast_ref::<&str>() {
         return text;
     }
-    panic.downcast_ref::<String>().map_or("without words", String::as_str)
+    panic.downcast_ref::<String>().map_or("without a message", String::as_str)
 }

@@ -257,7 +257,7 @@ fn result_of<Res>(item: Item<Res>) -> Result<Res, Error> {
         Ending::Missed | Ending::Final(_) => {
             let why = |failure: &Failure| format!("{}: {}", failure.source, failure.why);
             let failures: Vec<String> = item.failures.iter().map(why).collect();
-            Err(format!("no service has an answer: {}", failures.join("; ")).into())
+            Err(format!("no service answered: {}", failures.join("; ")).into())
         }
     }
 }
@@ -284,7 +284,7 @@ where
             tokio::select! {
                 biased;
                 result = answer => result,
-                _ = caller.changed() => Err("its caller does not wait any more".into()),
+                _ = caller.changed() => Err("its caller no longer waits".into()),
             }
         })
     })

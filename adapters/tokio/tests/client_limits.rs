@@ -212,18 +212,24 @@ async fn hostile_clients_are_refused_and_named() {
         ..cloud.https(&ca)
     };
     let clients: [HostileClient<'_>; 6] = [
-        ("TLS: peer sent no certificates", &|c| Remote { identity: None, ..known(c) }),
-        ("TLS: invalid peer certificate", &|c| Remote {
+        ("its TLS handshake failed: peer sent no certificates", &|c| Remote {
+            identity: None,
+            ..known(c)
+        }),
+        ("its TLS handshake failed: invalid peer certificate", &|c| Remote {
             identity: Some(other.sign("vehicle")),
             ..known(c)
         }),
-        ("TLS: invalid peer certificate: certificate expired", &|c| Remote {
+        ("its TLS handshake failed: invalid peer certificate: certificate expired", &|c| Remote {
             identity: Some(ca.sign_until("vehicle", 2020)),
             ..known(c)
         }),
-        ("TLS: received corrupt message", &|c| Remote { token: token(), ..c.http() }),
-        ("its call: a bearer token is needed", &|c| Remote { token: None, ..known(c) }),
-        ("its call: the bearer token is wrong", &|c| Remote {
+        ("its TLS handshake failed: received corrupt message", &|c| Remote {
+            token: token(),
+            ..c.http()
+        }),
+        ("its call failed: a bearer token is needed", &|c| Remote { token: None, ..known(c) }),
+        ("its call failed: the bearer token is wrong", &|c| Remote {
             token: Some(Token::new("wrong").unwrap()),
             ..known(c)
         }),
@@ -332,7 +338,7 @@ async fn headers_are_bounded() {
         panic!("320 MB of headers were taken");
     })
     .await;
-    LOG.wait_for_log("HTTP/2: ").await;
+    LOG.wait_for_log("its HTTP/2 connection failed: ").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -348,7 +354,7 @@ async fn streams_are_bounded() {
         panic!("100,000 streams were opened");
     })
     .await;
-    LOG.wait_for_log("HTTP/2: ").await;
+    LOG.wait_for_log("its HTTP/2 connection failed: ").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -393,7 +399,11 @@ async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may()
     })
     .await;
     LOG.wait_for_log("it does not read its replies").await;
-    assert!(LOG.text().contains("the server holds as many bytes as it may"), "{}", LOG.text());
+    assert!(
+        LOG.text().contains("the server holds as many bytes as its limit allows"),
+        "{}",
+        LOG.text()
+    );
 }
 
 /// Requests that never end hold no more memory than they may (D8).
@@ -420,15 +430,15 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
                 }
             }
         }
-        LOG.wait_for_log("its call: ").await;
+        LOG.wait_for_log("its call failed: ").await;
     };
     under(Bounds { held_bytes: 16 * MIB, ..WIDE }, flood).await;
-    LOG.wait_for_log("the server holds as many bytes as it may").await;
+    LOG.wait_for_log("the server holds as many bytes as its limit allows").await;
     let dribble = async |mut raw: Raw| {
         raw.greet().await;
         raw.frame(HEADERS, END_HEADERS, 1, &hostile::call()).await;
         raw.frame(DATA, 0, 1, &[0, 0, 0]).await;
-        LOG.wait_for_log("the request did not come whole in time").await;
+        LOG.wait_for_log("the request did not arrive completely in time").await;
     };
     under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
 }
@@ -470,7 +480,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
             raw.ended().await;
         })
         .await;
-        LOG.wait_for_log("HTTP/2: ").await;
+        LOG.wait_for_log("its HTTP/2 connection failed: ").await;
     }
     // Three clients send nothing, half of the preface, and a greeting without a call at the same
     // time. The log names one and counts the others.
@@ -491,7 +501,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
         tokio::join!(join_all(silent), send(cloud.address, b""), send(cloud.address, &noise));
     })
     .await;
-    LOG.wait_for_log("TLS: ").await;
+    LOG.wait_for_log("its TLS handshake failed: ").await;
     LOG.wait_for_lines("it made no call in time", 2).await;
     cloud.kill();
 }

@@ -200,8 +200,8 @@ impl<V, R> Engine<V, R> {
             operator,
             earlier,
             better,
-            "under eager, the earlier deadline of a lower cloud ends the wait for a better one (A4): \
-             give it the same or a later deadline, or commit patient"
+            "under eager, the earlier deadline of a lower cloud ends the wait for a better one \
+             (A4): give the lower cloud the same or a later deadline, or commit patient"
         );
     }
 

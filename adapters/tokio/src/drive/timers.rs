@@ -42,9 +42,10 @@ impl Timer {
             #[cfg(target_os = "linux")]
             Timers::Kernel => kernel::KernelTimer::new().map(Self::Kernel),
             #[cfg(not(target_os = "linux"))]
-            Timers::Kernel => {
-                Err(io::Error::new(io::ErrorKind::Unsupported, "the kernel's timers are Linux's"))
-            }
+            Timers::Kernel => Err(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "the kernel's timers exist only on Linux",
+            )),
         }
     }
 

@@ -64,7 +64,7 @@ pub enum RemoteError {
     #[error("a connection must be made within a tokio runtime")]
     NoRuntime,
     /// The URL cannot be read.
-    #[error("the cloud's URL: {0}")]
+    #[error("the cloud's URL cannot be read: {0}")]
     Url(#[from] InvalidUri),
     /// The URL is neither `http` nor `https`, or names no host.
     #[error("the cloud's URL must be http://host:port or https://host:port")]
@@ -79,7 +79,7 @@ pub enum RemoteError {
     #[error(transparent)]
     Token(#[from] InvalidToken),
     /// The certificates or the key cannot be used.
-    #[error("the certificates for the cloud: {0}")]
+    #[error("the certificates for the cloud cannot be used: {0}")]
     Tls(#[source] transport::Error),
     /// This build lacks the feature `tls`, which an `https` URL needs.
     #[error("this build has no TLS for https URLs; build it with the feature tls")]

@@ -60,7 +60,7 @@ pub enum ServeError {
     )]
     Identity,
     /// The certificates or the key cannot be used.
-    #[error("the server's certificates: {0}")]
+    #[error("the server's certificates cannot be used: {0}")]
     Tls(#[source] crate::Error),
     /// This build lacks the feature `tls`, which a certificate needs.
     #[error("this build has no TLS for the server's certificates; build it with the feature tls")]

@@ -16,7 +16,7 @@ pub struct Token(Arc<RwLock<MetadataValue<Ascii>>>);
 
 /// The token is empty or has characters other than visible ASCII.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
-#[error("a token must be visible ASCII characters, at least one")]
+#[error("a token must be one or more visible ASCII characters")]
 pub struct InvalidToken;
 
 impl Token {

@@ -33,7 +33,7 @@ impl RequestMemory {
 
     fn take(&self, bytes: usize) -> Result<(), Status> {
         if !self.watch.limits.take(bytes) {
-            let why = "the server holds as many bytes as it may";
+            let why = "the server holds as many bytes as its limit allows; try again later";
             return Err(self.watch.refused(Status::resource_exhausted(why)));
         }
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
@@ -71,7 +71,7 @@ impl http_body::Body for RequestBody {
     ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
         let Poll::Ready(frame) = Pin::new(&mut self.body).poll_frame(cx) else {
             ready!(self.in_time.as_mut().poll(cx));
-            let late = Status::deadline_exceeded("the request did not come whole in time");
+            let late = Status::deadline_exceeded("the request did not arrive completely in time");
             return Poll::Ready(Some(Err(self.held.watch.refused(late))));
         };
         let frame = frame.map(|frame| {
@@ -142,7 +142,7 @@ struct UnsentBytes {
 impl UnsentBytes {
     fn new(bytes: Bytes, watch: &Arc<ConnectionWatch>) -> Result<Self, Status> {
         if !watch.limits.take(bytes.len()) {
-            let why = "the server holds as many bytes as it may";
+            let why = "the server holds as many bytes as its limit allows; try again later";
             return Err(watch.refused(Status::resource_exhausted(why)));
         }
         let reply = watch.reply_ready(bytes.len());

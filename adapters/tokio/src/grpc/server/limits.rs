@@ -42,7 +42,7 @@ pub(crate) enum RejectReason {
     Full,
     #[error("its address has reached its limit of connections")]
     Crowd,
-    #[error("TLS: {0}")]
+    #[error("its TLS handshake failed: {0}")]
     Tls(io::Error),
     #[error("it made no call in time")]
     Mute,
@@ -52,9 +52,9 @@ pub(crate) enum RejectReason {
     Unread,
     #[error("it cancels calls faster than it is allowed to")]
     Resets,
-    #[error("HTTP/2: {0}")]
+    #[error("its HTTP/2 connection failed: {0}")]
     Protocol(String),
-    #[error("its call: {0}")]
+    #[error("its call failed: {0}")]
     Call(String),
 }
 
