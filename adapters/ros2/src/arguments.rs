@@ -27,7 +27,7 @@ ROS arguments:
       --params-file FILE            Set the parameters in a file; -p and later files win
       --log-level [LOGGER:=]LEVEL   debug, info, warn, error or fatal
       --enable-rosout-logs, --disable-rosout-logs
-                                    Whether logs are also published; they are by default
+                                    Publish logs too, or do not; the default is to publish
 
 Exit codes:
     0  done, or ended by a signal

@@ -75,10 +75,10 @@ pub enum NodeError {
     #[error("DDS: {0}")]
     Dds(#[from] CreateError),
     /// A topic is on Zenoh, which is not built in.
-    #[error("Zenoh: this build has none; build with --features zenoh")]
+    #[error("this build has no Zenoh; build it with --features zenoh")]
     NoZenoh,
     /// A topic is on a middleware that was not joined.
-    #[error("{0} is not joined")]
+    #[error("the node has not joined {0}")]
     NotJoined(&'static str),
     /// Zenoh's configuration cannot be read.
     #[error("Zenoh: {0}")]

@@ -170,7 +170,7 @@ impl Transport for NodeFusion<'_> {
         };
         match &source.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
-                Sent::Failed("nobody subscribes to its topic".into())
+                Sent::Failed("no node subscribes to its topic".into())
             }
             Route::Topics { requests, .. } => {
                 let bytes = request.body.len() as u64;
@@ -206,7 +206,8 @@ impl Transport for NodeFusion<'_> {
         if let Some(hints) = of.and_then(|source| source.hints.as_ref())
             && !hints.publish(value)
         {
-            debug!(timestamp, %source, %why, "hint not sent: a subscriber is too far behind");
+            debug!(timestamp, %source, %why, "a late result is not published as a hint, because a \
+                                              subscriber is too far behind");
         }
     }
 
@@ -228,7 +229,10 @@ impl Transport for NodeFusion<'_> {
         if let (Some(topic), Some(forwarded)) = (topic, item.forwarded())
             && !topic.publish(forwarded.value.clone())
         {
-            error!(timestamp, "the output is not sent, because a subscriber lags too far behind");
+            error!(
+                timestamp,
+                "the output is not published, because a subscriber is too far behind"
+            );
             intake.unsent += 1;
         }
         if !item.is_last() {

@@ -125,7 +125,7 @@ pub enum KeyError {
     #[error("the message ends before its key does")]
     Short,
     /// The header's stamp has 10⁹ nanoseconds or more.
-    #[error("the stamp has a second or more of nanoseconds")]
+    #[error("the nanoseconds of the stamp are a second or more")]
     Nanosec,
 }
 

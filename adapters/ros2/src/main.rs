@@ -47,7 +47,9 @@ fn main() -> ExitCode {
     }
     let lines = log(settings.log_level);
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
-        warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
+        warn!(
+            "policy.rate is not given, so nothing checks that the node can keep up with its inputs"
+        );
     }
     for caution in settings.cautions() {
         warn!("{caution}");
@@ -62,7 +64,7 @@ fn main() -> ExitCode {
             | NodeError::Grpc { .. }),
         ) => reported(&error),
         Err(error) => {
-            error!(%error, "the node ended");
+            error!(%error, "the node has failed");
             ExitCode::FAILURE
         }
     }

@@ -203,7 +203,7 @@ impl NodeName {
                 Err(SettingsError::Remap { rule, why, names })
             };
             if fixed.contains(&full) {
-                return refused(format!("{full} keeps its name"));
+                return refused(format!("{full} cannot be renamed"));
             } else if seen.contains(&full) {
                 idle.push(format!("-r {rule}: an earlier rule renames {full}"));
             } else if !own.contains(&full) && node.is_some() {

@@ -128,7 +128,7 @@ pub(crate) fn open<'a>(
         input = settings.input.topic,
         output = settings.output.topic,
         clouds = settings.clouds.len(),
-        "fusing"
+        "the node runs"
     );
     Ok(OpenNode { driver, counting })
 }
@@ -142,7 +142,7 @@ impl OpenNode<'_> {
         finish(engine).await.map_err(NodeError::Trace)?;
         let tally = self.counting.tally();
         let (forwarded, missed) = (tally.forwarded(), tally.missed);
-        info!(messages = tally.messages, forwarded, missed, "ended");
+        info!(messages = tally.messages, forwarded, missed, "the node has ended");
         Ok(tally)
     }
 }

@@ -69,7 +69,7 @@ pub enum ParameterError {
         source: io::Error,
     },
     /// The file is too large.
-    #[error("{path}: more than 1 MiB; give a parameter file")]
+    #[error("{path}: the file has more than 1 MiB; give a parameter file")]
     Large {
         /// The file.
         path: PathBuf,
@@ -137,7 +137,10 @@ pub fn given(
     for path in files {
         let overrides = sections::overrides(path, &read(path)?, node)?;
         if overrides.is_empty() {
-            idle.push(format!("{}: gives nothing to {full}; name it, or /**", path.display()));
+            idle.push(format!(
+                "{}: no node in this file is {full}; name it, or /**",
+                path.display()
+            ));
         }
         all.extend(overrides.into_iter().map(|parameter| (parameter.name.clone(), parameter)));
     }

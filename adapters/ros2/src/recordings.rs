@@ -38,14 +38,14 @@ pub(crate) fn check(settings: &Settings) -> Result<(), NodeError> {
         let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         let why = match folder.metadata() {
-            Ok(found) if !found.is_dir() => "what is before its name is no folder",
+            Ok(found) if !found.is_dir() => "the path to it leads through a file, not a folder",
             Ok(_) if path.is_dir() => "it is a folder; give a file",
             Ok(_) if is_full(path) => "it is always full; give a file",
             Ok(_) if !is_special(path) && access(folder, Access::WRITE_OK).is_err() => {
-                "this user may not write into its folder"
+                "this user may not write to its folder; give another one"
             }
             Ok(_) => continue,
-            Err(_) => "its folder is not there; make it, and write a home folder out",
+            Err(_) => "its folder does not exist; make it, and give the full path in place of ~",
         };
         let error = io::Error::other(why);
         return Err(NodeError::Recording { path: path.to_owned(), error });
@@ -53,7 +53,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), NodeError> {
     match paths {
         [Some(trace), Some(mcap)] if is_same(trace, mcap) || trace == mcap => {
             let error =
-                io::Error::other("trace.file and trace.mcap are one file; give each its own");
+                io::Error::other("trace.file and trace.mcap are the same file; give each its own");
             Err(NodeError::Recording { path: mcap.to_owned(), error })
         }
         _ => Ok(()),

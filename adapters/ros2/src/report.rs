@@ -139,7 +139,7 @@ impl Reporter {
         let (level, message) = if missed > 0 {
             (ERROR, format!("{missed} messages missed"))
         } else if unsent > 0 {
-            (ERROR, format!("{unsent} outputs not sent: a subscriber is too far behind"))
+            (ERROR, format!("{unsent} outputs not published: a subscriber is too far behind"))
         } else if let Some(why) = &tally.recording_error {
             (ERROR, format!("the recording has ended: {why}"))
         } else if refused > 0 {
@@ -155,9 +155,9 @@ impl Reporter {
         } else if let Some(blind) = blind {
             (WARN, blind)
         } else if let Some(end) = nobody {
-            (OK, format!("nobody on {}", end.topic))
+            (OK, format!("no node on {}", end.topic))
         } else {
-            (OK, "each message answered".to_owned())
+            (OK, "each message has its output".to_owned())
         };
         let mut values = vec![
             value("messages", &tally.messages),
@@ -220,11 +220,11 @@ impl Reporter {
         } else if requested > 0 && without >= requested && received == 0 {
             (ERROR, and(format!("missing: no result to {without} requests"), strange.as_deref()))
         } else if lost > 0 && received == 0 {
-            (ERROR, and(format!("missing: nothing from {lost} computations"), strange.as_deref()))
+            (ERROR, and(format!("missing: no result from {lost} computations"), strange.as_deref()))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
         } else if lost > 0 {
-            (WARN, format!("nothing from {lost} computations"))
+            (WARN, format!("no result from {lost} computations"))
         } else if refused > 0 {
             (WARN, format!("falling back: {refused} requests refused"))
         } else if let Some(strange) = strange {
@@ -358,7 +358,7 @@ fn unfit(end: &Endpoint) -> Option<String> {
     let topic = &end.topic;
     let quality =
         end.incompatible().map(|unfit| format!("incompatible {} on {topic}", unfit.policy));
-    quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
+    quality.or_else(|| Some(format!("a peer on {topic} has another type: {}", end.other_type()?)))
 }
 
 /// Describes other publishers of a topic on which the node publishes, if there are any.
@@ -366,8 +366,8 @@ fn rival(end: &Endpoint) -> Option<String> {
     let (topic, others) = (&end.topic, end.rivals());
     (others > 0).then(|| {
         format!(
-            "others also publish on {topic} ({others}): a message may have two results; is there a second node of this name, \
-             or one that is not remapped?"
+            "others also publish on {topic} ({others}), so a message may have two results; does a \
+             second node have this name, or is a node not remapped?"
         )
     })
 }

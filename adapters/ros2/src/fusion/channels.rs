@@ -46,14 +46,16 @@ impl NodeFusion<'_> {
     /// message has.
     pub(super) fn take(&mut self, sample: ReceivedPayload) -> Option<Incoming<Payload, Payload>> {
         let LoopState { stamps, next, intake, .. } = &mut self.memory;
-        let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
+        let Ok(message) = sample
+            .inspect_err(|error| debug!(%error, "an input is not accepted: it cannot be read"))
+        else {
             intake.encoding += 1;
             return None;
         };
         let key = match self.input_key.read(&message.body, message.big_endian) {
             Ok(key) => key,
             Err(error) => {
-                debug!(%error, "input without a key");
+                debug!(%error, "an input is not accepted: it has no readable key");
                 match error {
                     KeyError::Short => intake.short += 1,
                     KeyError::Nanosec => intake.nanosec += 1,
@@ -63,7 +65,7 @@ impl NodeFusion<'_> {
         };
         match stamps.order(key) {
             KeyOrder::Taken => {
-                debug!(%key, "the input is not accepted: a remembered message has this stamp");
+                debug!(%key, "an input is not accepted: an earlier message has the same stamp");
                 intake.duplicate_stamp += 1;
                 intake.stamp_zero += u64::from(self.input_key.is_unset(key));
                 return None;
@@ -89,12 +91,12 @@ impl NodeFusion<'_> {
             Some((key, payload))
         });
         let Some((key, payload)) = key else {
-            debug!(source = source.name, "result without a key");
+            debug!(source = source.name, "a result is dropped: it has no readable key");
             source.unmatched.malformed += 1;
             return None;
         };
         let Some(timestamp) = self.memory.stamps.find(key) else {
-            debug!(source = source.name, %key, "result of no message");
+            debug!(source = source.name, %key, "a result is dropped: no message has its stamp");
             source.unmatched.unknown_stamp += 1;
             source.unmatched.stamp_zero += u64::from(self.output_key.is_unset(key));
             return None;
@@ -132,13 +134,13 @@ impl NodeFusion<'_> {
     pub(super) fn take_speed(&mut self, sample: ReceivedPayload) {
         let Some(speed) = &mut self.speed else { return };
         if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
-            debug!("a speed that is none: it counts as unknown");
+            debug!("a speed cannot be read, so the speed counts as unknown");
         }
     }
 
     /// Applies a parameter that the user set.
     pub(super) fn change(&mut self, change: Change) {
-        info!(?change, "parameter set");
+        info!(?change, "a parameter was set");
         match change {
             Change::Deadline(deadline) => self.deadline = deadline,
             Change::LocalDeadline(deadline) => self.sources[LOCAL].deadline = Some(deadline),

@@ -181,7 +181,7 @@ async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
     let reported_lines = node.reported_lines();
     let locals = reported_lines.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
     let messages: Vec<_> = locals.map(|status| status.message.clone()).collect();
-    assert!(messages.iter().any(|it| it.contains("nothing from")), "{messages:?}");
+    assert!(messages.iter().any(|it| it.contains("no result from")), "{messages:?}");
     assert_eq!(messages.last().unwrap(), "in time");
 }
 
@@ -297,7 +297,7 @@ async fn local_fails_at_once_while_nobody_listens_to_it() {
     ];
     assert_eq!(node.lines(), expected);
     let local = &node.tally().sources[0];
-    assert_eq!(local.reasons.to_string(), "1 × nobody subscribes to its topic");
+    assert_eq!(local.reasons.to_string(), "1 × no node subscribes to its topic");
 }
 
 #[tokio::test(start_paused = true)]

@@ -122,7 +122,11 @@ impl DomainHandle {
                     let Some(writer) = replaced else { return };
                     let acknowledged = writer.async_wait_for_acknowledgments();
                     if timeout(PATIENCE, acknowledged).await.is_err() {
-                        warn!(topic, "not all that the first participant sent is acknowledged");
+                        warn!(
+                            topic,
+                            "subscribers have not acknowledged everything that the former \
+                             participant sent"
+                        );
                     }
                 }
             });
@@ -238,7 +242,7 @@ impl Publish for SerializedPublisher {
             Some(Ok(())) => true,
             Some(Err(WriteError::WouldBlock { .. })) | None => false,
             Some(Err(error)) => {
-                warn!(topic = self.end.topic, %error, "not published");
+                warn!(topic = self.end.topic, %error, "a message is not published");
                 false
             }
         }

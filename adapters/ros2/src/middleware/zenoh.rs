@@ -112,7 +112,7 @@ impl ZenohSession {
         if routers + peers == 0 {
             warn!("Zenoh has reached neither a router nor a peer yet and keeps trying");
         } else {
-            info!(routers, peers, "Zenoh is reached");
+            info!(routers, peers, "Zenoh has reached a router or a peer");
         }
         let (types, ends) = (Types::default(), AtomicU64::new(1));
         let shared = Arc::new(SharedSession { session, owner, types, ends });
@@ -158,7 +158,7 @@ impl ZenohSession {
                 Entity { kind: TokenKind::Publisher, name: &name, type_name: &type_name, hash };
             match shared.status_publisher(&entity, qos) {
                 Ok(status_publisher) => drop(declared.set(status_publisher)),
-                Err(error) => warn!(topic = name, %error, "Zenoh refuses to publish on it"),
+                Err(error) => warn!(topic = name, %error, "Zenoh refuses to publish on the topic"),
             }
         })?;
         let (done, topic) = (Arc::clone(&waiting), topic.to_owned());
@@ -173,7 +173,7 @@ impl ZenohSession {
                         .get()
                         .map(|status_publisher| status_publisher.publish(&payload))
                     {
-                        warn!(topic, %error, "not published");
+                        warn!(topic, %error, "a message is not published");
                     }
                     done.messages.fetch_sub(1, Ordering::Relaxed);
                     done.bytes.fetch_sub(bytes, Ordering::Relaxed);

@@ -111,7 +111,9 @@ impl NodeParameters {
         for Raw { name, value } in requested {
             let checked = match ros::read(value) {
                 Some(value) => next.change(&name, value).map_err(|error| error.to_string()),
-                None => Err(format!("{name}: no parameter of this node has this type")),
+                None => {
+                    Err(format!("{name}: the value has a type that no parameter of this node has"))
+                }
             };
             match checked {
                 Ok((change, value)) => changes.push((name, change, value)),

@@ -60,7 +60,7 @@ pub enum YamlError {
     #[error("{0} is given twice; leave one out")]
     Twice(String),
     /// A second document.
-    #[error("a second document; leave it out, or make it a file of its own")]
+    #[error("a second document begins here; leave it out, or make it a file of its own")]
     Documents,
 }
 
@@ -201,7 +201,7 @@ mod tests {
             ("a: 1\nb: 2\na: 3", "3:1: a is given twice; leave one out"),
             (
                 "a: 1\n---\nb: 2",
-                "2:1: a second document; leave it out, or make it a file of its own",
+                "2:1: a second document begins here; leave it out, or make it a file of its own",
             ),
         ];
         for (text, expected) in cases {

@@ -71,7 +71,7 @@ fn reported_lines(
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
     assert_eq!(status.values, next.values, "counts are since the start");
-    let lasts = ["not enabled", "nobody", "another type", "incompatible", "others also publish"];
+    let lasts = ["not enabled", "no node on", "a peer on", "incompatible", "others also publish"];
     if !lasts.iter().any(|state| status.message.starts_with(state)) {
         assert_eq!(next.level, OK, "{}", next.message);
     }
@@ -85,12 +85,12 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
         reported_lines(0, |tally, intake, _, _| happened(tally, intake))
     };
     let cases: [NodeCase; 11] = [
-        (|tally, _| tally.messages = 5, OK, "each message answered"),
+        (|tally, _| tally.messages = 5, OK, "each message has its output"),
         (|tally, _| tally.missed = 2, ERROR, "2 messages missed"),
         (
             |_, intake| intake.unsent = 3,
             ERROR,
-            "3 outputs not sent: a subscriber is too far behind",
+            "3 outputs not published: a subscriber is too far behind",
         ),
         (|tally, _| tally.refused = [(OpenRefusal::Full, 4)].into(), WARN, "4 messages refused"),
         (|_, intake| intake.short = 1, WARN, UNREADABLE),
@@ -115,7 +115,7 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
              input.key; 1 inputs not accepted: one of the last 1024 messages has the same stamp, as when a bag is \
              played in a loop or two publishers send the same",
         ),
-        (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
+        (|_, intake| intake.stamp_backwards = 1, OK, "each message has its output"),
     ];
     for (happened, level, message) in cases {
         assert_eq!(fusion(happened), (level, message.to_owned()));
@@ -126,16 +126,16 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
     let unsubscribed = ends(|ends| ends[1].change([7; 16], -1, None));
-    assert_eq!(unsubscribed, (OK, "nobody on /output".to_owned()));
-    let rivals = "others also publish on /output (2): a message may have two results; is there a second node of this name, \
-                  or one that is not remapped?";
+    assert_eq!(unsubscribed, (OK, "no node on /output".to_owned()));
+    let rivals = "others also publish on /output (2), so a message may have two results; does a second \
+                  node have this name, or is a node not remapped?";
     let others = ends(|ends| ends[1].set_rivals([[1; 16], [2; 16]].into()));
     assert_eq!(others, (WARN, rivals.to_owned()));
     let other = ends(|ends| {
         ends[0].change([7; 16], -1, None);
         ends[0].change([7; 16], 1, Some(&"other".to_owned()));
     });
-    assert_eq!(other, (WARN, "another type on /input: other".to_owned()));
+    assert_eq!(other, (WARN, "a peer on /input has another type: other".to_owned()));
 }
 
 /// D15.
@@ -172,7 +172,7 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
         );
         (reported_lines[0].level, reported_lines[0].message.clone())
     };
-    let well = (OK, "each message answered".to_owned());
+    let well = (OK, "each message has its output".to_owned());
     assert_eq!(reported_lines(), well, "none came yet");
     input.received(now);
     assert_eq!(reported_lines(), well);
@@ -203,7 +203,7 @@ async fn warns_of_inputs_that_never_came() {
         (period[0].level, period[0].message.clone())
     };
     tokio::time::advance(Duration::from_secs(10)).await;
-    assert_eq!(status(), (OK, "nobody on /input".to_owned()));
+    assert_eq!(status(), (OK, "no node on /input".to_owned()));
     tokio::time::advance(Duration::from_millis(100)).await;
     let words = "no message yet on /input for 10.1 s; matched publishers: 0";
     assert_eq!(status(), (WARN, words.to_owned()));

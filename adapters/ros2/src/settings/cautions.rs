@@ -30,7 +30,8 @@ impl Settings {
     fn idle_within(&self) -> Option<String> {
         let within = self.end_to_end.within.filter(|within| *within > self.greatest_deadline)?;
         Some(format!(
-            "within is {} s, and no message takes longer than greatest_deadline ({} s): it is in seconds",
+            "within is {} s, but no message takes longer than greatest_deadline ({} s); within is \
+             in seconds",
             within.as_secs_f64(),
             self.greatest_deadline.as_secs_f64()
         ))
@@ -42,12 +43,14 @@ impl Settings {
         };
         let (input, output) = (self.input.key, self.output.key);
         let is_header = |key| key == MessageKey::Header;
-        ((is_header(input) && is_short(output)) || (is_short(input) && is_header(output))).then(|| {
-            format!(
-                "the key of input is {input} and that of output {output}: a stamp in nanoseconds does not \
-                 fit into 32 bits, so no result is found"
-            )
-        })
+        ((is_header(input) && is_short(output)) || (is_short(input) && is_header(output))).then(
+            || {
+                format!(
+                    "the key of input is {input} and the key of output is {output}: a stamp in \
+                     nanoseconds does not fit into 32 bits, so no result matches a message"
+                )
+            },
+        )
     }
 
     fn policies(&self) -> Option<String> {
@@ -55,7 +58,8 @@ impl Settings {
         if let Some(speed) = self.deadlines.speed.as_ref().filter(|_| is_set) {
             let topic = &speed.topic;
             return Some(format!(
-                "policy.speed_topic is {topic}, and no policy chooses deadlines: give policy: guard or guarded"
+                "policy.speed_topic is {topic}, but no policy chooses deadlines; give policy: \
+                 guard or guarded"
             ));
         }
         let is_idle = !is_set && self.clouds.is_empty();
@@ -70,10 +74,14 @@ impl Settings {
         if self.deadlines.kind != PolicyKind::Expected {
             None
         } else if are_parts {
-            Some("policy.accuracy_local and .accuracy_cloud are at most 1: they are in percent, as policy.price_per_ms".to_owned())
+            Some(
+                "policy.accuracy_local and .accuracy_cloud are at most 1, but they are in percent, \
+                 as policy.price_per_ms is; multiply them by 100"
+                    .to_owned(),
+            )
         } else if is_above {
             Some(
-                "policy.accuracy_local or .accuracy_cloud is above 100: they are in percent"
+                "policy.accuracy_local or .accuracy_cloud is above 100, but they are in percent"
                     .to_owned(),
             )
         } else if is_swapped {
@@ -85,12 +93,14 @@ impl Settings {
 
     fn rate(&self) -> Option<String> {
         let rate = self.deadlines.rate.filter(|rate| *rate < 0.1)?;
-        Some(format!("policy.rate is {rate}: it is in messages a second, and no period"))
+        Some(format!(
+            "policy.rate is {rate}, but it is in messages a second; give a rate and not a period"
+        ))
     }
 
     fn diagnostics(&self) -> Option<String> {
         let period = Some(self.diagnostics_period).filter(|it| *it > Duration::from_secs(60))?;
-        Some(format!("diagnostics.period is {} s: it is in seconds", period.as_secs_f64()))
+        Some(format!("diagnostics.period is {} s; give it in seconds", period.as_secs_f64()))
     }
 
     /// DDS begins at port 7400 and has 250 ports a domain; Linux gives 32768 to 60999 to any
@@ -100,8 +110,8 @@ impl Settings {
         let first = 7400 + 250 * u32::from(domain);
         self.needs(Middleware::Dds).then(|| {
             format!(
-                "domain_id is {domain}, whose ports from {first} on Linux also gives to other programs: a start may fail now \
-                 and then; take 0 to 101"
+                "domain_id is {domain}, but Linux also gives its ports, from {first} on, to other \
+                 programs, so a start may fail now and then; give 0 to 101"
             )
         })
     }
@@ -114,14 +124,15 @@ impl Settings {
             self.trace.as_ref().filter(|it| ends(it, &["gz", "zst", "packed", "mcap"]))
         {
             return Some(format!(
-                "trace.file is {}, and is written as plain lines; let it end in .jsonl",
+                "trace.file is {}, but it is written as plain lines; give it a name that ends in \
+                 .jsonl",
                 trace.display()
             ));
         }
         let mcap =
             self.mcap.as_ref().filter(|it| ends(it, &["jsonl", "json", "gz", "zst", "db3"]))?;
         Some(format!(
-            "trace.mcap is {}, and is written as MCAP; let it end in .mcap",
+            "trace.mcap is {}, but it is written as MCAP; give it a name that ends in .mcap",
             mcap.display()
         ))
     }
@@ -135,14 +146,15 @@ impl Settings {
         let clouds = || self.clouds.iter().filter(|cloud| cloud.enabled);
         let deadline = |cloud: &Cloud| cloud.deadline.unwrap_or(self.deadline);
         clouds().find_map(|low| {
-            let is_given_away = |high: &&Cloud| {
-                low.priority < high.priority && deadline(low) < deadline(high)
-            };
+            let is_given_away =
+                |high: &&Cloud| low.priority < high.priority && deadline(low) < deadline(high);
             let better = clouds().find(is_given_away)?;
             Some(format!(
-                "under commit: eager the earlier deadline of {} ends the wait for {}, which is better (A4); give it the same \
-                 or a later one, or commit: patient",
-                low.name, better.name
+                "under commit: eager the earlier deadline of {low} ends the wait for {better}, \
+                 which is better (A4); give {low} the same or a later deadline, or give commit: \
+                 patient",
+                low = low.name,
+                better = better.name
             ))
         })
     }

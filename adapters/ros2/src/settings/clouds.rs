@@ -31,7 +31,7 @@ pub(super) fn read(
         } else if check_token(cloud).is_err() {
             "give a name of letters, digits and single underscores"
         } else if is_reserved(cloud) {
-            "the node's own parameters begin like that; give another name"
+            "the node's own parameters begin with that name; give another name"
         } else if cloud == OWN_REPORT {
             "the node reports itself by that name in /diagnostics; give another name"
         } else if names[..at].contains(cloud) {

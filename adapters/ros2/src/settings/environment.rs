@@ -25,10 +25,10 @@ const KNOWN: [(&str, Middleware); 4] = [
 
 /// The variables that configure other implementations of DDS, and what the node does instead.
 const OTHERS: [(&str, &str); 4] = [
-    ("ROS_DISCOVERY_SERVER", "it does not ask that server for peers, and may meet none"),
-    ("CYCLONEDDS_URI", "its interfaces and peers are those of localhost_only and domain_id"),
-    ("FASTRTPS_DEFAULT_PROFILES_FILE", "its transports and peers are not those of the profiles"),
-    ("FASTDDS_DEFAULT_PROFILES_FILE", "its transports and peers are not those of the profiles"),
+    ("ROS_DISCOVERY_SERVER", "it does not ask that server for peers, and may find none"),
+    ("CYCLONEDDS_URI", "localhost_only and domain_id set its interfaces and peers"),
+    ("FASTRTPS_DEFAULT_PROFILES_FILE", "the profiles do not set its transports and peers"),
+    ("FASTDDS_DEFAULT_PROFILES_FILE", "the profiles do not set its transports and peers"),
 ];
 
 /// Looks up a variable; an empty one counts as not set, as in rcl.
@@ -95,15 +95,16 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
                  secured peers may refuse it"
             )),
             Some(value) if value != "false" => {
-                all.push(format!("{SECURITY} is {value:?}: ROS 2 takes anything but true for false"));
+                all.push(format!("{SECURITY} is {value:?}, which ROS 2 reads as false; give true \
+                                  or false"));
             }
             Some(_) | None => {}
         }
         let of_rmw = settings.origin("middleware") == ValueOrigin::Environment(RMW);
         if let Some(name) = self.get(RMW).filter(|name| of_rmw && !is_known(name)) {
             all.push(format!(
-                "{RMW} is {name}, which this node does not know: it speaks DDS by itself, as rmw_fastrtps and rmw_cyclonedds do; \
-                 give middleware"
+                "{RMW} is {name}, which this node does not know: it uses DDS, as rmw_fastrtps and \
+                 rmw_cyclonedds do; give the parameter middleware"
             ));
         }
         if settings.needs(Middleware::Dds) {
@@ -125,13 +126,14 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
             )),
             Some("LOCALHOST" | "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET") | None => {}
             Some(other) => {
-                all.push(format!("{RANGE} is {other:?}, which is no range; LOCALHOST is assumed, as in rcl"));
+                all.push(format!("{RANGE} is {other:?}, which is not a range; LOCALHOST is \
+                                  assumed, as in rcl"));
             }
         }
         match self.get(LOCALHOST).as_deref() {
             Some("0" | "1") | None => {}
             Some(other) => {
-                all.push(format!("{LOCALHOST} is {other:?}: ROS 2 takes anything but 1 for 0"));
+                all.push(format!("{LOCALHOST} is {other:?}, which ROS 2 reads as 0; give 0 or 1"));
             }
         }
         if let Some(peers) = self.get(PEERS) {

@@ -18,14 +18,14 @@ pub enum SettingsError {
     Flaw { origin: ValueOrigin, name: String, flaw: SettingsFlaw },
     /// A required type is missing.
     #[error(
-        "{name} is not given; add -p {name}:=sensor_msgs/msg/Image, say, or write it into a \
+        "{name} is not given; give it, for example with -p {name}:=sensor_msgs/msg/Image or in a \
          parameter file"
     )]
     Type { name: String },
     /// It is not known where messages of a type have their key.
     #[error(
-        "{origin}: {type_name} is not known to begin with a std_msgs/Header; give {name}: header \
-         if it does, or else the type of its integer"
+        "{origin}: it is unknown whether {type_name} begins with a std_msgs/Header; give {name}: \
+         header if it does, or else the type of its integer"
     )]
     Key { origin: ValueOrigin, type_name: String, name: String },
     /// A cloud's name cannot be used.

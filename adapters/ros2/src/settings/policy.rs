@@ -127,7 +127,7 @@ impl fmt::Display for DeadlineSettings {
         }
         match self.rate {
             Some(rate) => write!(f, "; the node keeps up with {rate} messages a second"),
-            None => f.write_str("; whether the node keeps up is not checked without policy.rate"),
+            None => f.write_str("; without policy.rate nothing checks that the node keeps up"),
         }
     }
 }

@@ -9,14 +9,17 @@ use crate::settings::parameter::{Kind, Preset, Spec};
 pub(super) const PREFIX: &str = "qos_overrides.";
 /// The policies that can be set.
 const POLICIES: [Spec; 4] = [
-    policy("reliability", &["reliable", "best_effort"], "Whether lost messages are sent again"),
+    policy("reliability", &["reliable", "best_effort"], "reliable sends lost messages again"),
     policy(
         "durability",
         &["volatile", "transient_local"],
-        "Whether late subscribers get earlier messages",
+        "transient_local gives late subscribers the earlier messages",
     ),
-    policy("history", &["keep_last"], "Which messages are kept"),
-    Spec { kind: Kind::Integer(1, 1024), ..policy("depth", &[], "How many messages are kept") },
+    policy("history", &["keep_last"], "keep_last keeps the last messages"),
+    Spec {
+        kind: Kind::Integer(1, 1024),
+        ..policy("depth", &[], "The number of messages that are kept")
+    },
 ];
 
 /// A topic of the node.

@@ -256,9 +256,9 @@ impl<'a> ParameterReader<'a> {
             }
             idle.push(match unknown {
                 SettingsError::Unknown { origin, .. } => format!(
-                    "{origin}: {name} is no parameter of this node, and counts as another node's"
+                    "{origin}: {name} is not a parameter of this node, and counts as another node's"
                 ),
-                of_a_cloud => format!("{of_a_cloud}, unless it is another node's"),
+                of_a_cloud => format!("{of_a_cloud}, unless it is a parameter of another node"),
             });
         }
         Ok(idle)

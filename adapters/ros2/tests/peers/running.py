@@ -223,7 +223,7 @@ def two_nodes_of_one_name_are_reported(bench):
     def reported():
         for part in ("fusion", "local"):
             status = listener.health(part)
-            if not status or status.level == OK or "is there a second node of this name" not in status.message:
+            if not status or status.level == OK or "does a second node have this name" not in status.message:
                 return False
         return True
 

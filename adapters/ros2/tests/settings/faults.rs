@@ -87,7 +87,7 @@ fn files_are_bounded_and_must_be_there() {
     let large = format!("# {}\n", "a".repeat(1 << 20));
     assert_eq!(
         settings(&[&large], TYPES).unwrap_err(),
-        "0.yaml: more than 1 MiB; give a parameter file"
+        "0.yaml: the file has more than 1 MiB; give a parameter file"
     );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.yaml");
@@ -105,14 +105,14 @@ fn what_is_wrong_with_a_stream_is_reported() {
     let error = settings(&[], "-p input.type:=a/msg/B").unwrap_err();
     assert_eq!(
         error,
-        "-p input.type:=a/msg/B: a/msg/B is not known to begin with a std_msgs/Header; give \
-         input.key: header if it does, or else the type of its integer"
+        "-p input.type:=a/msg/B: it is unknown whether a/msg/B begins with a \
+         std_msgs/Header; give input.key: header if it does, or else the type of its integer"
     );
     let error = settings(&[], "").unwrap_err();
     assert_eq!(
         error,
-        "input.type is not given; add -p input.type:=sensor_msgs/msg/Image, say, or write it into \
-         a parameter file"
+        "input.type is not given; give it, for example with -p \
+         input.type:=sensor_msgs/msg/Image or in a parameter file"
     );
     let error = settings(&[], "-p input.type:=Image").unwrap_err();
     assert_eq!(
@@ -297,12 +297,15 @@ fn misspelt_name_under_a_wildcard_is_refused() {
     for parameter in ["rate: 1.0", "reverse: true", "camera.fps: 3"] {
         let idle = shared(parameter).unwrap().join("\n");
         assert!(
-            idle.ends_with(" is no parameter of this node, and counts as another node's"),
+            idle.ends_with(" is not a parameter of this node, and counts as another node's"),
             "{idle}"
         );
     }
     let cloud = shared("north.deadline: 0.1").unwrap().join("\n");
-    assert!(cloud.ends_with("add it to clouds, unless it is another node's"), "{cloud}");
+    assert!(
+        cloud.ends_with("add it to clouds, unless it is a parameter of another node"),
+        "{cloud}"
+    );
     let other = "qos_overrides./camera/image.subscription.depth: 1";
     assert_eq!(shared(other).unwrap().len(), 1);
 }
@@ -310,8 +313,8 @@ fn misspelt_name_under_a_wildcard_is_refused() {
 #[test]
 fn names_that_cannot_be_remapped_are_refused() {
     for (rule, why) in [
-        ("~/set_parameters:=/set", "/fuseline/set_parameters keeps its name"),
-        ("/rosout:=/log", "/rosout keeps its name"),
+        ("~/set_parameters:=/set", "/fuseline/set_parameters cannot be renamed"),
+        ("/rosout:=/log", "/rosout cannot be renamed"),
         ("fuseline:inputs:=/camera", "this node has no topic /inputs"),
     ] {
         let error = error_with(&format!("-r {rule}"));
@@ -328,7 +331,7 @@ fn names_that_cannot_be_remapped_are_refused() {
 fn domain_among_ports_of_other_programs_warns() {
     let cautions = |domain: u16| with(&format!("-p domain_id:={domain}")).unwrap().cautions();
     for domain in [102, 214] {
-        assert!(cautions(domain)[0].contains("take 0 to 101"));
+        assert!(cautions(domain)[0].contains("give 0 to 101"));
     }
     for domain in [101, 215, 232] {
         assert_eq!(cautions(domain), [""; 0]);

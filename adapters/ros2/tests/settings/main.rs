@@ -333,7 +333,7 @@ fn enforced_security_is_refused() {
     }
     let unclear =
         unheeded("", &[("ROS_SECURITY_ENABLE", "1"), ("ROS_SECURITY_STRATEGY", "Enforce")]);
-    assert!(unclear.contains("is \"1\": ROS 2 takes anything but true for false"), "{unclear}");
+    assert!(unclear.contains("is \"1\", which ROS 2 reads as false; give"), "{unclear}");
     assert_eq!(unheeded("", &[("ROS_SECURITY_ENABLE", "false")]), "");
     assert_eq!(unheeded("", &[("ROS_SECURITY_ENABLE", "")]), "");
 }
@@ -347,7 +347,7 @@ fn ranges_of_discovery_are_kept_or_reported() {
         ("SYSTEM_DEFAULT", false, ""),
         ("", false, ""),
         ("OFF", true, "finds its peers by discovery alone"),
-        ("localhost", true, "is no range; LOCALHOST is assumed"),
+        ("localhost", true, "is not a range; LOCALHOST is assumed"),
     ] {
         let all = settings_in(&[], TYPES, &[(RANGE, range)]).unwrap();
         let warnings = all.unheeded.join("\n");
@@ -355,14 +355,14 @@ fn ranges_of_discovery_are_kept_or_reported() {
         assert!(warnings.contains(words) && warnings.is_empty() == words.is_empty(), "{warnings}");
     }
     let yes = unheeded("", &[("ROS_LOCALHOST_ONLY", "true")]);
-    assert!(yes.contains("is \"true\": ROS 2 takes anything but 1 for 0"), "{yes}");
+    assert!(yes.contains("is \"true\", which ROS 2 reads as 0"), "{yes}");
 }
 
 #[test]
 fn what_is_not_read_is_reported() {
     for (variable, value, words) in [
         ("ROS_STATIC_PEERS", "10.0.0.2;10.0.0.3", "reach others over Zenoh"),
-        ("ROS_DISCOVERY_SERVER", "10.0.0.2:11811", "may meet none"),
+        ("ROS_DISCOVERY_SERVER", "10.0.0.2:11811", "may find none"),
         ("CYCLONEDDS_URI", "file:///etc/cyclonedds.xml", "this node does not read it"),
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "/etc/profiles.xml", "this node does not read it"),
         ("FASTDDS_DEFAULT_PROFILES_FILE", "/etc/profiles.xml", "this node does not read it"),
@@ -411,7 +411,7 @@ other:
     let idle = all.cautions();
     assert_eq!(idle.len(), 2, "{idle:?}");
     assert!(idle[0].contains("qos_overrides./scan.subscription.depth"), "{idle:?}");
-    assert!(idle[1].contains("0.yaml:4:5: robot is no parameter of this node"), "{idle:?}");
+    assert!(idle[1].contains("0.yaml:4:5: robot is not a parameter of this node"), "{idle:?}");
 }
 
 /// D16.
@@ -526,7 +526,7 @@ fn no_cloud_is_called_like_a_line_of_the_table() {
     let firsts = TABLE.iter().filter_map(|line| line.name.split('.').next());
     for first in firsts.filter(|first| *first != "<cloud>") {
         let why = with(&format!("-p clouds:=[{first}]")).unwrap_err();
-        assert!(why.contains("the node's own parameters begin like that"), "{first}: {why}");
+        assert!(why.contains("the node's own parameters begin with that name"), "{first}: {why}");
     }
 }
 

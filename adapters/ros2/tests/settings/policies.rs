@@ -44,9 +44,9 @@ fn d16_policies_are_made_of_their_parameters() {
 #[test]
 fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
     let error = with("-p policy:=guard -p policy.range_cloud:=38.0").unwrap_err();
-    assert!(error.contains("sees less far than local"), "{error}");
+    assert!(error.contains("range is shorter than local's"), "{error}");
     let error = with("-p policy:=guard -p policy.deceleration:=0.0").unwrap_err();
-    assert!(error.contains("deceleration: 0 m/s²; it may be from 0.1 to 20 m/s²"), "{error}");
+    assert!(error.contains("deceleration: 0 m/s²; it must be from 0.1 to 20 m/s²"), "{error}");
     let error = with("-p policy:=fast").unwrap_err();
     assert!(error.ends_with("give set, guard, expected or guarded"), "{error}");
     let error = with("-p policy.speed_topic:=odom -p policy.speed_type:=a/msg/B").unwrap_err();
@@ -95,8 +95,8 @@ const ENOUGH: &str = "-p window:=75 -p west.in_flight:=73 -p local.in_flight:=10
 #[test]
 fn d15_what_cannot_keep_up_is_reported_with_a_remedy() {
     let unknown = with(GUARD).unwrap().to_string();
-    let line = "deadlines: guard by the speed on /odom; whether the node keeps up is not checked \
-                without policy.rate\n";
+    let line = "deadlines: guard by the speed on /odom; without policy.rate nothing checks that \
+                the node keeps up\n";
     assert!(unknown.contains(line), "{unknown}");
     let error = with(&format!("{GUARD} -p policy.rate:=30")).unwrap_err();
     assert_eq!(

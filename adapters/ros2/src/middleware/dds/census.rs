@@ -60,8 +60,9 @@ impl Census {
             }
         };
         let thread = thread::Builder::new().name("census".into()).spawn(count);
-        let thread = thread
-            .inspect_err(|error| warn!(%error, "other publishers of its topics are not reported"));
+        let thread = thread.inspect_err(
+            |error| warn!(%error, "other publishers of the node's topics will not be reported"),
+        );
         Self { publishers, stop: Some(stop), thread: thread.ok() }
     }
 

@@ -89,7 +89,7 @@ impl RosNode {
         let topic = topic.to_owned();
         Ok(Box::new(move |message| {
             if !publisher.with(|it| it.publish(message).is_ok()).unwrap_or(false) {
-                debug!(topic, "not sent");
+                debug!(topic, "a message is not sent");
             }
         }))
     }
@@ -193,7 +193,7 @@ where
             let (id, request) = match received {
                 Some(Ok(received)) => received,
                 Some(Err(_)) => {
-                    debug!(service = self.name, "a request that cannot be read");
+                    debug!(service = self.name, "a request cannot be read");
                     continue;
                 }
                 None => return,
@@ -205,7 +205,7 @@ where
             let reply = ServiceReply::new(move |answer| {
                 let sent = service.server.with(|it| it.send_response(id, answer).is_ok());
                 if !sent.unwrap_or(false) {
-                    debug!(service = service.name, "answer not sent");
+                    debug!(service = service.name, "an answer is not sent");
                 }
             });
             if self.requested.send(PendingRequest { request, reply }).await.is_err() {

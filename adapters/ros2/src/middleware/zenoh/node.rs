@@ -32,7 +32,7 @@ impl ZenohSession {
         let publisher = self.publisher(topic, &ty, qos)?;
         Ok(Box::new(move |message| {
             if !Payload::of(&message).is_some_and(|payload| publisher.publish(payload)) {
-                debug!(topic = publisher.end().topic, "not sent");
+                debug!(topic = publisher.end().topic, "a message is not sent");
             }
         }))
     }
@@ -60,7 +60,7 @@ impl ZenohSession {
                 let payload = query.payload().map(|bytes| bytes.to_bytes().into_owned().into());
                 let payload = payload.and_then(|bytes| Payload::from_serialized(&bytes));
                 let (Some(id), Some(request)) = (id, payload.and_then(|it| it.read())) else {
-                    debug!(name, "a request that cannot be read");
+                    debug!(name, "a request cannot be read");
                     continue;
                 };
                 let reply = ServiceReply::new(move |answer: R| {
@@ -70,7 +70,7 @@ impl ZenohSession {
                         let bytes = payload.to_serialized();
                         let reply = query.reply(query.key_expr(), &bytes[..]);
                         if let Err(error) = reply.attachment(attachment).wait() {
-                            debug!(%error, "answer not sent");
+                            debug!(%error, "an answer is not sent");
                         }
                     });
                 });

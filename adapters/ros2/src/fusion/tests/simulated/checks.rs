@@ -300,7 +300,7 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
         format!("{unsent} unsent, reported are {reported:?}")
     })?;
     let words: Vec<_> = last.iter().map(|status| (status.level, &*status.message)).collect();
-    let is_well = words[0] == (0, "each message answered")
+    let is_well = words[0] == (0, "each message has its output")
         && words[1..].iter().all(|words| *words == (0, "in time"));
     ensure(is_well, || format!("at the end they are {words:?}"))
 }
