@@ -43,7 +43,7 @@ template <class Rep, class Period>
     static_assert(sizeof(Rep) <= sizeof(std::uint64_t), "Fuseline takes durations of at most 64 bits");
     constexpr auto num = static_cast<std::uint64_t>(Factor::num);
     constexpr auto den = static_cast<std::uint64_t>(Factor::den);
-    static_assert(num <= greatest / den, "the unit of this duration is too odd");
+    static_assert(num <= greatest / den, "the unit of this duration cannot be counted in nanoseconds");
     const std::uint64_t count{static_cast<std::make_unsigned_t<Rep>>(duration.count())};
     const std::uint64_t whole = count / den;
     const std::uint64_t rest = count % den * num / den;

@@ -18,7 +18,7 @@ namespace fuseline {
 // leaves every stamp 0, or if a recording is played twice.
 template <class Stamp, std::size_t Remembered = 1024>
 class Stamps {
-  static_assert(Remembered > 0, "stamps are remembered");
+  static_assert(Remembered > 0, "the number of remembered stamps must be at least 1");
   static_assert(!std::is_floating_point_v<Stamp>, "a stamp is a whole number or a type of yours: one that is rounded is not found");
 
  public:
