@@ -380,7 +380,7 @@ impl PyCalls {
         let (in_flight, aborted) = (source.in_flight.bind(py), source.aborted.bind(py));
         let overdue = in_flight.len() + aborted.len();
         if overdue >= source.limit {
-            let why = format!("{overdue} calls have not ended, though they should have");
+            let why = format!("{overdue} calls have not ended, although they should have");
             return self.engine.get().fail_later(now, t, p, &why);
         }
         let timestamp = t.into_pyobject(py)?.into_any();

@@ -108,7 +108,9 @@ impl PyFusion {
         let line = line.strip_suffix(b"\n").unwrap_or(line);
         match trace::parse(line) {
             Ok(Line::Header(header)) => Self::of(header, record),
-            Ok(Line::Event(_)) => Err(config("an event, no header; a header has \"fuseline\"")),
+            Ok(Line::Event(_)) => {
+                Err(config("this line is an event; a header has the key \"fuseline\""))
+            }
             Err(error) => Err(config(format!("column {}: {}", error.column, error.message))),
         }
     }
@@ -347,7 +349,7 @@ pub(crate) fn header(
         .0
         .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
     let Some(commit) = trace::Commit::ALL.into_iter().find(|rule| rule.as_str() == commit) else {
-        let words = "it is eager, patient or progressive";
+        let words = "it must be eager, patient or progressive";
         return Err(config(format!("a commit rule {commit}; {words}")));
     };
     let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;

@@ -160,7 +160,8 @@ fn by_priority(
         found.extend(named.map(|(_, p)| (*p, tolerance.0)));
         if found.len() == before {
             let known = sources.iter().map(|(name, _)| &**name).collect::<Vec<_>>().join(", ");
-            let message = format!("{file}: a tolerance of {wanted:?}; the header has {known}");
+            let message =
+                format!("{file}: a tolerance is given for {wanted:?}; the header has {known}");
             return Err(PyValueError::new_err(message));
         }
     }

@@ -169,7 +169,7 @@ fn sources(header: &Header, accuracies: &[(String, f64)]) -> PyResult<Vec<Compar
         accuracies.iter().find(|(wanted, _)| sources.iter().all(|(name, _)| name != wanted))
     {
         let known = sources.iter().map(|(name, _)| &**name).collect::<Vec<_>>().join(", ");
-        let message = format!("an accuracy of {wanted:?}; the header has {known}");
+        let message = format!("an accuracy is given for {wanted:?}; the header has {known}");
         return Err(PyValueError::new_err(message));
     }
     let accuracy = |name: &str| {

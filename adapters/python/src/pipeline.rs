@@ -266,7 +266,7 @@ impl PyLatency {
             Ok(percent @ 1..=100) => {
                 Ok(Self(Latency::measured(percent, Duration::from_nanos(at_first.0))))
             }
-            _ => Err(config(format!("a percentile of {percent}; it is from 1 to 100"))),
+            _ => Err(config(format!("a percentile of {percent}; it must be from 1 to 100"))),
         }
     }
 

@@ -191,7 +191,7 @@ pub(crate) fn loss(
         "local" => Source::Local,
         "cloud" => Source::Cloud,
         _ => {
-            let message = format!("a source {source:?}; it is local or cloud");
+            let message = format!("a source {source:?}; it must be local or cloud");
             return Err(DeadlineError::new_err(message));
         }
     };
@@ -327,7 +327,7 @@ impl SharedExpected {
             Ok(policy) => Ok(policy),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
             Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
-                "the policy computes a loss: it can be used once that has returned",
+                "the policy is computing a loss; use the policy after the loss has returned",
             )),
         }
     }
@@ -353,7 +353,7 @@ where
         };
         if ends.len() != 2 {
             let message =
-                format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
+                format!("a figure of {} values; give one number, or (least, greatest)", ends.len());
             return Err(PyTypeError::new_err(message));
         }
         Ok(Self(Span::new(ends.get_item(0)?.extract()?, ends.get_item(1)?.extract()?)))
@@ -512,7 +512,7 @@ fn end_of(end: &str, age: Nanos) -> PyResult<End> {
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {
-            let message = format!("an end {end:?}; it is answered, failed or censored");
+            let message = format!("an end {end:?}; it must be answered, failed or censored");
             Err(DeadlineError::new_err(message))
         }
     }

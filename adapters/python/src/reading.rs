@@ -40,7 +40,8 @@ pub(crate) fn with_trace<T: Send>(
         if let Ok(text) = trace.extract::<String>()
             && text.trim_start().starts_with('{')
         {
-            let message = "a text of a trace where its path belongs; give its bytes: text.encode()";
+            let message = "the text of a trace was given instead of its path; give its bytes: \
+                           text.encode()";
             return Err(PyValueError::new_err(message));
         }
         let path: PathBuf = trace.extract()?;

@@ -52,18 +52,19 @@ impl<'py> FromPyObject<'_, 'py> for Plain {
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         if object.is_instance_of::<PyDelta>() || AnswerClasses::get(object.py())?.is_ns(object) {
             let message = format!(
-                "{}: a duration stands where a number in m, m/s or m/s² belongs",
+                "{}: a duration was given instead of a number in m, m/s or m/s²",
                 object.repr()?
             );
             return Err(PyTypeError::new_err(message));
         }
         if object.is_instance_of::<PyBool>() {
-            return Err(PyTypeError::new_err("a number, not bool"));
+            return Err(PyTypeError::new_err("give a number, not a bool"));
         }
         object.extract().map(Self).map_err(|_| {
             let kind = kind(object);
             PyTypeError::new_err(format!(
-                "a number in m, m/s or m/s² as a float, not {kind}; what is not known is math.nan"
+                "give a number in m, m/s or m/s² as a float, not \
+                 {kind}; if it is unknown, give math.nan"
             ))
         })
     }
@@ -126,10 +127,9 @@ fn seconds_of(seconds: f64) -> PyResult<u64> {
 }
 
 fn number(object: Borrowed<'_, '_, PyAny>) -> PyResult<Number> {
-    object
-        .extract::<u64>()
-        .map(Number)
-        .map_err(|_| TimeError::new_err(format!("{}: numbers are from 0 to 2**64 - 1", *object)))
+    object.extract::<u64>().map(Number).map_err(|_| {
+        TimeError::new_err(format!("{}: a number must be from 0 to 2**64 - 1", *object))
+    })
 }
 
 fn micro(py: Python<'_>) -> PyResult<Bound<'_, PyDelta>> {
@@ -142,7 +142,7 @@ fn below_0(object: Borrowed<'_, '_, PyAny>) -> PyErr {
 
 fn not_whole(object: Borrowed<'_, '_, PyAny>) -> PyErr {
     let message =
-        format!("a whole number as an int, not {}; instants are nanoseconds", kind(object));
+        format!("give a whole number as an int, not {}; instants are nanoseconds", kind(object));
     PyTypeError::new_err(message)
 }
 

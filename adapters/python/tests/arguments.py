@@ -73,15 +73,15 @@ class SilentSubscriber:
 
 
 def count(what: str, least: int = 1) -> Bad:
-    message = f"{what} of {{!r}}; it is an int of at least {least}"
+    message = f"{what} of {{!r}}; it must be an int of at least {least}"
     values = (least - 1, True, 1.5, "3", None)
     return [(it, ConfigError, message.format(it)) for it in values]
 
 
 def function(what: str) -> Bad:
-    asynchronous = f"{what} is a plain function, not an async def"
+    asynchronous = f"{what} must be a plain function, not an async def"
     return [
-        (7, ConfigError, f"{what} is a function, not 7"),
+        (7, ConfigError, f"{what} must be a function, not 7"),
         (Call, ConfigError, f"the class Call for {what}; give an instance"),
         (echo, ConfigError, asynchronous),
         (AsyncObject(), ConfigError, asynchronous),
@@ -94,27 +94,27 @@ DURATION: Bad = [
     ("3", TypeError, "seconds as a float"),
 ]
 HANDLE: Bad = [
-    (7, ConfigError, "a handle is a function, not 7"),
+    (7, ConfigError, "a handle must be a function, not 7"),
     (Call, ConfigError, "the class Call for a handle; give an instance"),
     (plain, ConfigError, "the handle plain is not async: make it an async def"),
     (many, ConfigError, "yields nothing"),
     (yields, ConfigError, "yields nothing"),
 ]
 RESERVE: Bad = [
-    (7, ConfigError, "a reserve of 7; it is a list of Latency"),
+    (7, ConfigError, "a reserve of 7; it must be a list of Latency"),
     ([7], ConfigError, "a reserve of [7]"),
-    ("half a second", ConfigError, "it is a list of Latency"),
+    ("half a second", ConfigError, "it must be a list of Latency"),
 ]
 NAME: Bad = [
-    ("", ConfigError, "a name is a str that is not empty"),
+    ("", ConfigError, "a name must be a str that is not empty"),
     (7, ConfigError, "named 7"),
-    ("local", ConfigError, "as what computes on board is"),
+    ("local", ConfigError, "which is the name of the computation on board"),
     ("w\udc80st", ConfigError, "not valid text"),
 ]
-RESPONSE_HANDLER: Bad = [(7, ConfigError, "a response handler is a function, not 7")]
+RESPONSE_HANDLER: Bad = [(7, ConfigError, "a response handler must be a function, not 7")]
 SKIPPED = "skip is 'executed' or 'none', not 'all'"
-PRIORITY = "a priority of {!r}; it is an int from 1 to 65535"
-RANGE = "a priority of {}; clouds have 1 to 65535, and local has 0"
+PRIORITY = "a priority of {!r}; it must be an int from 1 to 65535"
+RANGE = "a priority of {}; a cloud has 1 to 65535, and local has 0"
 
 
 def but_none(bad: Bad) -> Bad:
@@ -183,7 +183,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
         {"local": plain},
         {
             "local": [
-                (7, ConfigError, "is a function, not 7"),
+                (7, ConfigError, "must be a function, not 7"),
                 (Call, ConfigError, "give an instance"),
                 (AsyncObject, ConfigError, "give an instance"),
                 (Local.task(echo, deadline=60.1), ConfigError, "deadline of 60.1 s is above the"),
@@ -195,7 +195,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "name": NAME,
             "window": [
                 *count("a window"),
-                (1025, ConfigError, "a window of 1025; it is at most 1024"),
+                (1025, ConfigError, "a window of 1025; it must be at most 1024"),
             ],
             "trace": [(it, ConfigError, "give the path") for it in (7, True, io.StringIO())],
             "reserve": RESERVE,
@@ -215,7 +215,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
         started,
         {"local": plain},
         {
-            "commit": [("never", ConfigError, "it is eager, patient or progressive")],
+            "commit": [("never", ConfigError, "it must be eager, patient or progressive")],
         },
         {"commit": ["eager", "patient", "progressive"]},
         free="local name window output_len trace clock lag_warning greatest_deadline reserve "
@@ -232,16 +232,16 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "priority": [
                 *((it, ConfigError, PRIORITY.format(it)) for it in (True, 1.0, "1", None)),
                 *((it, ConfigError, RANGE.format(it)) for it in (0, -1, 65536)),
-                (7, ConfigError, "two clouds of priority 7; each has one of its own"),
+                (7, ConfigError, "two clouds have the priority 7; give each its own"),
             ],
-            "encode": but_none(function("what encodes")),
+            "encode": but_none(function("encode")),
             "calls": count("calls at once"),
             "policy": [
                 (Guard, ConfigError, "the class Guard for a policy; give an instance"),
                 (UnlearningPolicy(), ConfigError, "needs both methods, decide and ended"),
                 (UndecidedPolicy(), ConfigError, "needs both methods, decide and ended"),
-                (7, ConfigError, "a policy is a function, not 7"),
-                (echo, ConfigError, "a policy is a plain function, not an async def"),
+                (7, ConfigError, "a policy must be a function, not 7"),
+                (echo, ConfigError, "a policy must be a plain function, not an async def"),
                 (Expected(lambda *_: 0.0, 0.1, None), ConfigError, "the policy of cloud-1 does"),
             ],
             "linger": DURATION,
@@ -263,7 +263,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
     "Operator.use_cloud, a policy without probes": Arguments(
         linger,
         {"linger": 0.1},
-        {"linger": [(0.0, ConfigError, "its calls do not linger")]},
+        {"linger": [(0.0, ConfigError, "neither probes nor sees lingering calls")]},
         free="handle message_handler response_handler priority encode name limit resume calls "
         "policy max_age",
         of=Operator.use_cloud,
@@ -285,7 +285,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
         {"state": CarriedState(None), "state_of": plain},
         {
             "state": [(7, ConfigError, "a state is a CarriedState, not 7")],
-            "state_of": function("what reads a state"),
+            "state_of": function("state_of"),
         },
         of=Operator.use_state,
     ),
@@ -330,8 +330,8 @@ OPERATOR_CASES: dict[str, Arguments] = {
         {
             "compute": [
                 (echo, ConfigError, "Local.threads takes a plain function; give an async one to"),
-                (7, ConfigError, "what Local.threads takes is a function, not 7"),
-                (Call, ConfigError, "the class Call for what Local.threads takes"),
+                (7, ConfigError, "compute of Local.threads must be a function, not 7"),
+                (Call, ConfigError, "the class Call for compute of Local.threads"),
             ],
             **WORKERS,
             **LOCAL_BAD,
@@ -343,7 +343,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
         Local.threads_of,
         {"make": lambda: plain, **LOCAL_OPTIONS, "replaceable": 1},
         {
-            "make": function("what makes local"),
+            "make": function("make"),
             **WORKERS,
             **LOCAL_BAD,
             "replaceable": but_none(count("computations that may be replaced", 0)),
@@ -357,8 +357,8 @@ OPERATOR_CASES: dict[str, Arguments] = {
         {
             "compute": [
                 (echo, ConfigError, "Local.processes takes a plain function; give an async one"),
-                (7, ConfigError, "what Local.processes takes is a function, not 7"),
-                (Call, ConfigError, "the class Call for what Local.processes takes"),
+                (7, ConfigError, "compute of Local.processes must be a function, not 7"),
+                (Call, ConfigError, "the class Call for compute of Local.processes"),
             ],
             **WORKERS,
             **LOCAL_BAD,

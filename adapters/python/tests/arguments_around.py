@@ -89,7 +89,7 @@ CASES_AROUND: dict[str, Arguments] = {
         method(joined, "aligned"),
         {"name": "right"},
         {
-            "name": [("left", ConfigError, "two inputs named 'left'; each has a name of its own")],
+            "name": [("left", ConfigError, "two inputs are named 'left'; give each its own name")],
             "key": but_none(function("a key")),
         },
         {"key": [None, plain]},
@@ -98,14 +98,14 @@ CASES_AROUND: dict[str, Arguments] = {
     "Join.items": Arguments(
         method(joined, "items"),
         {"name": "right", "items": of_items()},
-        {"name": [("left", ConfigError, "two inputs named 'left'")]},
+        {"name": [("left", ConfigError, "two inputs are named 'left'")]},
         free="items",
         of=Join.items,
     ),
     "Join.latest": Arguments(
         method(joined, "latest"),
         {"name": "speed", "max_age": 1.0},
-        {"name": [("left", ConfigError, "two inputs named 'left'")], "max_age": DURATION},
+        {"name": [("left", ConfigError, "two inputs are named 'left'")], "max_age": DURATION},
         free="items",
         of=Join.latest,
     ),
@@ -127,7 +127,7 @@ CASES_AROUND: dict[str, Arguments] = {
     "Join.on_drop": Arguments(
         method(joined, "on_drop"),
         {"on_drop": plain},
-        {"on_drop": function("what is called on drops")},
+        {"on_drop": function("on_drop")},
         of=Join.on_drop,
     ),
     "Items": Arguments(
@@ -191,7 +191,7 @@ CASES_AROUND: dict[str, Arguments] = {
     "TimeSynchronizer.on_drop": Arguments(
         method(lambda: synchronizer(subscribers={"left": SilentSubscriber()}, wait=0.1), "on_drop"),
         {"on_drop": plain},
-        {"on_drop": function("what is called on drops")},
+        {"on_drop": function("on_drop")},
         of=TimeSynchronizer.on_drop,
     ),
     "Always": Arguments(
@@ -200,13 +200,13 @@ CASES_AROUND: dict[str, Arguments] = {
         {
             "remote": [(None, ConfigError, "as a function that connects, not as None")],
             "period": [
-                (None, ConfigError, "neither a deadline nor a period; give one"),
+                (None, ConfigError, "neither a deadline nor a period is given; give one"),
                 (30.0, ConfigError, "for 30 Hz give 1 / 30"),
                 *DURATION,
             ],
             "deadline": [(0.2, ConfigError, "above the period"), *DURATION],
             "linger": DURATION,
-            "on_failure": but_none(function("what is called on failures")),
+            "on_failure": but_none(function("on_failure")),
         },
         {"on_board": [lambda observation: observation], "deadline": [0.1], "period": [2.0]},
         free="on_board chunk trace name",
@@ -303,12 +303,12 @@ CASES_AROUND: dict[str, Arguments] = {
                 (
                     {"local": LOCAL, "west": responses([0.1], 3), "east": responses([0.1], 3)},
                     ValueError,
-                    "priorities [0, 3, 3]; each source has one of its own, up to 65535",
+                    "priorities [0, 3, 3]; give each source its own, up to 65535",
                 ),
                 (
                     {"local": LOCAL, "west": responses([0.1], 65536)},
                     ValueError,
-                    "priorities [0, 65536]; each source has one of its own, up to 65535",
+                    "priorities [0, 65536]; give each source its own, up to 65535",
                 ),
                 (
                     {"local": LOCAL, "west": responses([], 1)},
@@ -353,7 +353,7 @@ CASES_AROUND: dict[str, Arguments] = {
             "names": [(["a", "b"], ValueError, "there are 1 traces and 2 names")],
             "tolerance": [(0.1, ValueError, "tolerance and lateness go together")],
             "lateness": [(0.1, ValueError, "tolerance and lateness go together")],
-            "tolerances": [({"west": 0.1}, ValueError, "without a tolerance of all others")],
+            "tolerances": [({"west": 0.1}, ValueError, "need a tolerance for all other sources")],
         },
         free="traces page",
         of=report_page,

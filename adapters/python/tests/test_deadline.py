@@ -171,14 +171,14 @@ def test_times_of_a_vehicle_are_durations(response: Time, period: Time) -> None:
         (Parameters(local_response=301_700_000), TypeError, r"local_response: .* ns\(301700000\)"),
         (Parameters(lateness=5), TypeError, r"lateness: a duration of 5: write 5\.0 for seconds"),
         (Parameters(brake_delay=(0.1, 100)), TypeError, r"brake_delay: .* ns\(100\)"),
-        (Parameters(local_response=301.7), DeadlineError, "local's response: 301.7 s; it may be"),
+        (Parameters(local_response=301.7), DeadlineError, "local's response: 301.7 s; it must be"),
         (Parameters(brake_delay=-0.1), TimeError, "brake_delay: a duration of -0.1 s"),
-        (Parameters(deceleration=ns(7)), TypeError, r"deceleration: ns\(7\): a duration stands"),
-        (Parameters(margin=MARGIN), TypeError, r"margin: .* a duration stands"),
+        (Parameters(deceleration=ns(7)), TypeError, r"deceleration: ns\(7\): a duration was given"),
+        (Parameters(margin=MARGIN), TypeError, r"margin: .* a duration was given"),
         (
             Parameters(hazards=(Hazard(range_local=39e3, range_cloud=57e3),)),
             DeadlineError,
-            "local's range: 39000 m; it may be from 0.01 to 10000 m",
+            "local's range: 39000 m; it must be from 0.01 to 10000 m",
         ),
     ],
 )

@@ -470,7 +470,7 @@ def test_a_cloud_that_is_none_is_refused_with_its_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cloud: str
 ) -> None:
     assert main_of(monkeypatch, "--cloud", cloud)[0] == 2
-    assert f"argument --cloud: '{cloud}': give NAME=SECONDS, and no" in capsys.readouterr().err
+    assert f"argument --cloud: '{cloud}': give NAME=SECONDS, and name no" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

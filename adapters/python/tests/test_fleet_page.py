@@ -212,7 +212,7 @@ def assert_tables(page: PageReader, rows: list[Row], own: list[Row]) -> None:
     by_source = shares([((it.source,), it) for _, it in outputs], 0)
     by_operator = shares([((operator, it.source), it) for operator, it in outputs], 1)
     names: tuple[str, ...] = ("source", "items", "share", "p50", "p90", "p99", "greatest")
-    shown(page, "Whose results went out", names, by_source, "There is nothing.")
+    shown(page, "Results that were sent, by source", names, by_source, "There is nothing.")
     shown(page, "By operator", ("operator", *names), by_operator, "There is nothing.")
     found: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -225,14 +225,14 @@ def assert_tables(page: PageReader, rows: list[Row], own: list[Row]) -> None:
     rules.sort(key=lambda it: (-it[1], it[0]))
     broken = [(*it[:3], None if it[3] < 0 else it[3]) for it in rules]
     names = ("rule", "violations", "drives", "latest")
-    shown(page, "Rules that are broken", names, broken, "None is broken.")
+    shown(page, "Broken rules", names, broken, "No rule is broken.")
     doubted: dict[str, list[Row]] = defaultdict(list)
     for row in own:
         if row.doubts is not None and row.violations == 0:
             doubted[row.doubts].append(row)
     doubts = [(of, len(it), len({row.drive for row in it})) for of, it in doubted.items()]
     doubts.sort(key=lambda it: (-it[1], it[0]))
-    shown(page, "What is in doubt", ("doubts", "traces", "drives"), doubts, "Nothing is.")
+    shown(page, "Doubts", ("doubts", "traces", "drives"), doubts, "Nothing is in doubt.")
     drives: dict[str, list[int]] = defaultdict(lambda: [0] * 7)
     for row in own:
         doubtful = row.violations == 0 and not row.conforms
@@ -246,7 +246,7 @@ def assert_tables(page: PageReader, rows: list[Row], own: list[Row]) -> None:
     none = "Nothing went wrong in any drive."
     shown(page, "The worst drives", names, worst[:50], none)
     unread = sorted((row.file, row.error) for row in own if row.error is not None)
-    none = "All could be read."
+    none = "All traces could be read."
     shown(page, "Traces that cannot be read", ("file", "error"), unread[:50], none)
 
 
@@ -307,7 +307,7 @@ def labels(svg: PageElement, anchor: str | None) -> list[tuple[float, float, str
 
 def curves(page: PageReader, outputs: list[Output]) -> None:
     """Reads points off the ticks, and checks that each is the share of outputs until then."""
-    svg = page.section("Which share of a source's outputs took at most how long")
+    svg = page.section("Share of each source's outputs that took at most this long")
     if not outputs:
         assert svg is None
         return
@@ -354,7 +354,7 @@ def curves(page: PageReader, outputs: list[Output]) -> None:
 
 def bars(page: PageReader, own: list[Row]) -> None:
     """Checks that each bar is as high as the number of drives with its share."""
-    svg = page.section("How many drives had which share of their outputs from on board")
+    svg = page.section("Number of drives by the share of their outputs from on board")
     items: dict[str, Counter[bool]] = defaultdict(Counter)
     for row in own:
         for it in row.outputs or []:

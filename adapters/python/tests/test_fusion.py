@@ -137,7 +137,7 @@ def test_what_stands_for_an_int_is_an_instant() -> None:
         ({"window": 1025}, "a window of 1025; it must be from 1 to 1024"),
         ({"window": 10**9}, "a window of 1000000000; it must be from 1 to 1024"),
         ({"window": -1}, "a window of -1; it must be from 1 to 1024"),
-        ({"commit": "lazy"}, "a commit rule lazy; it is eager, patient or progressive"),
+        ({"commit": "lazy"}, "a commit rule lazy; it must be eager, patient or progressive"),
         ({"clouds": [Cloud(0)]}, "a cloud with priority 0; it must be from 1 to 65535"),
         ({"clouds": [Cloud(65536)]}, "a cloud with priority 65536; it must be from 1 to 65535"),
         ({"clouds": [Cloud(1), Cloud(1)]}, "two clouds with priority 1"),
@@ -161,7 +161,7 @@ def test_a_header_makes_the_machine_and_is_given_back() -> None:
         assert Fusion.from_header(given).header == line
     with pytest.raises(fuseline.ConfigError, match="column 2"):
         Fusion.from_header("{window}")
-    with pytest.raises(fuseline.ConfigError, match="no header"):
+    with pytest.raises(fuseline.ConfigError, match="this line is an event"):
         Fusion.from_header('{"ev":"tick","at":0}')
 
 

@@ -172,7 +172,7 @@ fuseline.report(bytes(sys.argv[1], "ascii"), page=sys.argv[2])
 @pytest.mark.parametrize(
     ("trace", "line", "column", "defect"),
     [
-        (b"", 1, 1, "the trace is empty; its first line is a header"),
+        (b"", 1, 1, "the trace is empty; its first line must be a header"),
         (HEADER + b'{"ev":"tick","at":-1}\n', 2, 19, None),
         (HEADER + b'{"ev":"tick","at":1}', 2, 21, "the last line does not end in LF"),
         (HEADER + HEADER, 2, 1, "a second header"),
@@ -221,7 +221,8 @@ def test_an_observed_trace_is_judged_within_its_tolerance() -> None:
     assert not check_observed(later, tolerance=ns(2), lateness=0).violations
     assert not check_observed(later, tolerance=2e-9, lateness=0.0).violations
     disorder = GOOD + b'{"ev":"tick","at":5}\n'
-    with pytest.raises(fuseline.ReadError, match=r"^<bytes>:7:1: at 5 after a line at 499"):
+    out_of_order = r"^<bytes>:7:1: the line at 5 follows a line at 499"
+    with pytest.raises(fuseline.ReadError, match=out_of_order):
         check_observed(disorder, tolerance=ns(10), lateness=0)
 
 

@@ -173,7 +173,7 @@ def test_single_sources_may_have_tolerances_of_their_own(tmp_path: Path) -> None
     assert not verdict.violations
     with pytest.raises(ValueError, match=r'"east"; the header has local, west'):
         check_observed(trace, **own, tolerances={"east": ns(5)})
-    with pytest.raises(ValueError, match="of all others"):
+    with pytest.raises(ValueError, match="for all other sources"):
         report(trace, page=page, tolerances={"west": ns(5)})
 
 

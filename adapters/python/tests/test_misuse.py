@@ -174,7 +174,7 @@ def test_handle_that_does_not_await(run: Run[Any], caplog: pytest.LogCaptureFixt
         return echo(request, call)
 
     (item,), counts = played(run, lambda it, _: it.use_cloud(handle, ask, str, 1))
-    assert "an awaitable for a value: await it" in item.failures[0].why
+    assert "an awaitable instead of a value: await it" in item.failures[0].why
     assert counts["cloud-1", "handler", "failed"] == 1
     assert len(wiring_errors(caplog)) == 1
 
@@ -187,7 +187,7 @@ def test_response_handler_that_does_not_await(
         return on_board(response, 0)
 
     (item,), _ = played(run, lambda it, _: it.use_cloud(echo, ask, answer, 1))
-    assert "the response handler gave an awaitable" in item.failures[0].why
+    assert "the response handler returned an awaitable" in item.failures[0].why
     assert len(wiring_errors(caplog)) == 1
 
 
@@ -226,7 +226,7 @@ def test_class_for_a_handle() -> None:
 
 @misuse("gives a handle that cannot be called", "`ConfigError`")
 def test_handle_that_cannot_be_called() -> None:
-    cloud_refused("is a function", "west:50051", ask, str, 1)
+    cloud_refused("must be a function", "west:50051", ask, str, 1)
 
 
 @misuse("gives an async message handler", "`ConfigError`")

@@ -153,7 +153,7 @@ def test_program_that_ends_without_close(tmp_path: Path, program: str) -> None:
     end = ended(UNCLOSED[program], str(trace))
     verdict = check(trace)
     assert (verdict.conforms, verdict.judged) == (True, 40), end.stderr
-    assert "it was not closed: its trace ends here" in end.stderr
+    assert "the operator was not closed: its trace ends here" in end.stderr
 
 
 # Processes.
@@ -203,7 +203,7 @@ def test_script_without_its_guard(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 1
-    assert 'begins with `if __name__ == "__main__":`' in run.stderr
+    assert 'must begin with `if __name__ == "__main__":`' in run.stderr
 
 
 @misuse("gives `Local.processes` what has no name", "`ConfigError`: a function of a module")

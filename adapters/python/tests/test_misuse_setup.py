@@ -51,7 +51,7 @@ def test_trace_that_would_overwrite(tmp_path: Path) -> None:
             operator.feed(["a"])
             assert [item.value async for item in operator] == ["a on board"]
 
-    with pytest.raises(ConfigError, match="would overwrite a file that is none"):
+    with pytest.raises(ConfigError, match="would overwrite a file that is not a trace"):
         asyncio.run(main(file))
     assert file.read_bytes() == b"\x00 no trace"
     # An empty file and an earlier trace are overwritten.

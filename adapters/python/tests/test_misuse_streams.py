@@ -86,7 +86,7 @@ def test_block_that_nobody_reads(run: Run[Any], messages: Any, error: type[Excep
         async with operator_of(clock=loop.time_ns) as operator:
             operator.feed(messages)
 
-    with pytest.raises(error, match="read them within the block"):
+    with pytest.raises(error, match="read the items within the block"):
         run(main)
 
 
@@ -288,7 +288,7 @@ def test_two_tasks_that_share_a_reader(run: Run[Any], caplog: pytest.LogCaptureF
         return counts
 
     assert [sum(it) for it in run(main)] == [8, 8, 8]
-    said = [it.getMessage() for it in caplog.records if "share what comes" in it.getMessage()]
+    said = [it.getMessage() for it in caplog.records if "share the items" in it.getMessage()]
     assert [it.split(":")[0] for it in said] == ["operator", "Items", "join"], said
 
 
@@ -308,7 +308,7 @@ def test_readers_one_after_another_are_not_reported(
             assert [item async for item in other]
 
     run(main)
-    assert "share what comes" not in caplog.text
+    assert "share the items" not in caplog.text
 
 
 @misuse("reads items that fail with two readers", "each of them gets the error")

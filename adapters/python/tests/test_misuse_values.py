@@ -443,7 +443,7 @@ def test_one_local_twice() -> None:
 @pytest.mark.parametrize("of", [{"limit": -1}, {"limit": 0}, {"limit": 2.0}, {"resume": -1}])
 @misuse("gives a limit that is none", "`ConfigError`")
 def test_odd_limit(of: dict[str, Any]) -> None:
-    cloud_refused("it is an int of at least", echo, ask, str, 1, **of)
+    cloud_refused("it must be an int of at least", echo, ask, str, 1, **of)
 
 
 @misuse("sets a substitute or a state after the start", "`ConfigError`")
@@ -617,7 +617,7 @@ def test_async_side_response(run: Run[Any]) -> None:
 @pytest.mark.parametrize("commit", ["Eager", None, True, 0])
 @misuse("gives a commit rule that is none", "`ConfigError`, with the words")
 def test_odd_commit(commit: Any) -> None:
-    refused("it is eager, patient or progressive", lambda: operator_of(commit=commit))
+    refused("it must be eager, patient or progressive", lambda: operator_of(commit=commit))
 
 
 @misuse("gives a percentile that is none", "`ConfigError`")

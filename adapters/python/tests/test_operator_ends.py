@@ -238,7 +238,7 @@ def test_calls_that_will_not_end_are_bounded(
             items = [item async for item in operator]
         triggers = Counter(item.trigger for item in items)
         assert triggers == {Trigger.TIMER: 11, Trigger.ARRIVAL: 40}
-        why = "10 calls have not ended, though they should have"
+        why = "10 calls have not ended, although they should have"
         assert items[20].failures[0].why == why
         assert items[20].latency < 1 * MS
         assert operator.counts["west", "failed because", why] == 40

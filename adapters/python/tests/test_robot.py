@@ -461,7 +461,7 @@ def test_replies_are_split_by_what_they_are_made_of() -> None:
         {"actions": [1], "state": [7, 8, 9]},
         {"actions": [2], "state": [7, 8, 9]},
     ]
-    with pytest.raises(ConfigError, match="without arrays"):
+    with pytest.raises(ConfigError, match="has no arrays"):
         _split({"server": "west"})
     with pytest.raises(ConfigError, match="arm 3, gripper 2; give the chunk a split="):
         _split({"arm": [1, 2, 3], "gripper": [7, 8]})

@@ -363,7 +363,7 @@ def test_both_operators_do_the_same(run: Run[Any], tmp_path: Path, scenarios: st
         assert items + counts == lines, f"of seed {seed}"
         assert traces[0].read_text() == traces[1].read_text(), f"of seed {seed}"
         endings.update(line.split("|")[4] for line in items)
-        endings["old value"] += sum("the value is of message" in line for line in items)
+        endings["old value"] += sum("the value was computed from message" in line for line in items)
         endings["substitute"] += sum(line.endswith("|stop") for line in items)
         for line in counts:
             _, _, what, outcome, _ = line.split("|")

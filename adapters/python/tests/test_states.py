@@ -64,11 +64,11 @@ def test_an_operator_before_its_start_and_in_another_thread() -> None:
                 error = elsewhere(call)
                 assert isinstance(error, RuntimeError)
                 where, _, remedy = str(error).partition("; ")
-                assert where == f"{method} in another thread than the operator's loop"
+                assert where == f"{method} was called in another thread than the operator's loop"
                 assert remedy == (
                     f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
                 )
-            with pytest.raises(ConfigError, match="a side request after the start"):
+            with pytest.raises(ConfigError, match="a side request was registered after the start"):
                 operator.use_side_request(after(0), ask(0.1), print)
             assert operator.write(1) == 0
             assert repr(operator) == "<Operator 'lane' clouds=['west'] running, 1 messages>"

@@ -51,7 +51,7 @@ def test_a_constant_caps_it_and_it_is_one_of_those_that_expect() -> None:
 
 
 def test_a_detector_that_could_not_be_is_refused() -> None:
-    with pytest.raises(DeadlineError, match="overlap of right boxes"):
+    with pytest.raises(DeadlineError, match="overlap of correct boxes"):
         streaming(BoxDetector(70.0, 0.4))
     with pytest.raises(DeadlineError, match="local's accuracy"):
         streaming(BoxDetector(math.nan, 0.7))

@@ -92,7 +92,7 @@ class ArrayKinds:
                 where = "actions" if key is None else f"actions[{key!r}]"
                 _log.warning(
                     "%s of the remote policy are of the type %s, and on board they are of the type "
-                    "%s: arithmetic treats them differently, so give both one type",
+                    "%s: arithmetic treats them differently, so give both the same type",
                     where,
                     kind,
                     own,
@@ -151,7 +151,7 @@ def _of_rows(rows: Any, where: str) -> Form:
     if not forms:
         return (0,)
     if any(form != forms[0] for form in forms):
-        raise CallError(f"{where} has parts that differ: {_short_repr(rows)}")
+        raise CallError(f"{where} has parts of different forms: {_short_repr(rows)}")
     first = forms[0]
     if first is bool:
         return (bool, len(forms))

@@ -49,7 +49,7 @@ def fade(ticks: int, max_jump: float | None = None) -> Blend:
     if max_jump is not None:
         is_number = isinstance(max_jump, (int, float)) and not isinstance(max_jump, bool)
         if not is_number or not 0 < max_jump < math.inf:
-            raise ConfigError(f"a max_jump of {max_jump!r}; it is a number above 0, or None")
+            raise ConfigError(f"a max_jump of {max_jump!r}; it must be a number above 0, or None")
 
     def blend(earlier: Any, later: Any, age: int, last: Any) -> Any:
         action = later
@@ -104,15 +104,18 @@ class ChunkPlan:
         check_count(chunk.max_age, 0, "a max_age")
         if chunk.max_age < chunk.every:
             raise ConfigError(
-                f"a max_age of {chunk.max_age} ticks, less than the {chunk.every} between chunks: "
-                "most ticks would have no action that is young enough"
+                f"a max_age of {chunk.max_age} ticks is less than the {chunk.every} ticks between "
+                "chunks, so most ticks would have no action that is young enough; give a greater "
+                "max_age"
             )
         if chunk.split is not None and chunk.split not in _CONTAINERS:
             check_function(chunk.split, "a split")
         if chunk.blend is not None:
             check_function(chunk.blend, "a blend")
             if chunk.blend == fade:  # type: ignore[comparison-overlap]
-                raise ConfigError("a blend of fade itself; call it with the ticks, as in fade(5)")
+                raise ConfigError(
+                    "the blend is the function fade itself; call it with the ticks, as in fade(5)"
+                )
         if chunk.skip not in ("executed", "none"):
             raise ConfigError(f"skip is 'executed' or 'none', not {chunk.skip!r}")
         self.chunk = chunk
@@ -269,12 +272,14 @@ def _split(reply: Any) -> Sequence[Any]:
         raise CallError(f"the reply is text, but a chunk is a list of actions: {text[:200]}")
     if not isinstance(reply, dict):
         if not hasattr(reply, "__iter__") or inspect.isgenerator(reply):
-            raise CallError(f"a {type(reply).__name__} for a chunk; it is a list of actions")
+            raise CallError(
+                f"the reply is a {type(reply).__name__}; a chunk must be a list of actions"
+            )
         return list(reply)
     arrays = {key: value for key, value in reply.items() if hasattr(value, "shape") and value.ndim}
     arrays |= {key: value for key, value in reply.items() if isinstance(value, list)}
     if not arrays:
-        raise ConfigError("a reply without arrays; give the chunk a split=")
+        raise ConfigError("the reply has no arrays; give the chunk a split=")
     if "actions" in arrays:
         # A state in the same reply has a different length from the actions.
         ticks = len(arrays["actions"])
@@ -282,7 +287,7 @@ def _split(reply: Any) -> Sequence[Any]:
     ticks = max(len(value) for value in arrays.values())
     if any(len(value) != ticks for value in arrays.values()):
         lengths = ", ".join(f"{key} {len(value)}" for key, value in arrays.items())
-        raise ConfigError(f"arrays of different lengths, {lengths}; give the chunk a split=")
+        raise ConfigError(f"the arrays have different lengths, {lengths}; give the chunk a split=")
     return [reply | {key: value[k] for key, value in arrays.items()} for k in range(ticks)]
 
 

@@ -46,4 +46,4 @@ class Counts(Counter[K]):
         names = {str(it): it for it in self.known}
         nearest = get_close_matches(str(key), names, 1, 0.0)
         hint = f"; the nearest is {nearest[0]}" if nearest else ""
-        raise KeyError(f"nothing is counted by {key!r}{hint}")
+        raise KeyError(f"there is no count {key!r}{hint}")

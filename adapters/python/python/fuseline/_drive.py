@@ -260,7 +260,7 @@ class Driver(Generic[M, V]):
                 t = item.timestamp if item.of is None else item.of
                 for state, state_of in handlers.states:
                     read = state_of(item.value)
-                    check_read(read, "what reads a state")
+                    check_read(read, "state_of")
                     state.sent(t, read)
             elif ending is not _FINAL and handlers.substitute is not None:
                 # Every message leads to something to send (E4).

@@ -83,7 +83,7 @@ class Encoder:
         begin = self._read_clock()
         if self._threads.hung_len() >= HUNG_ENCODERS:
             raise CallError(
-                f"{HUNG_ENCODERS} encodings have not ended; none is begun until one has"
+                f"{HUNG_ENCODERS} encodings have not ended; no other begins until one of them ends"
             )
         try:
             encoded = await request.get(self._threads)
@@ -91,7 +91,7 @@ class Encoder:
             if (self._read_clock() - begin) / 1e9 >= call.deadline:
                 self._replace_hung(request)
             raise
-        check_read(encoded, "what encodes")
+        check_read(encoded, "encode")
         took = (self._read_clock() - begin) / 1e9
         call = replace(call, deadline=max(call.deadline - took, 0.0))
         return await response_of(self._cloud, self._cloud.handle(encoded, call))
@@ -104,8 +104,8 @@ class Encoder:
         self._counting.handler_failed(self._cloud.cloud.p)
         if hung & (hung + 1) == 0:
             _log.warning(
-                "%s: encode of %s has not ended by its deadline: another thread takes its place, "
-                "and %d such have not ended",
+                "%s: encode of %s has not ended by its deadline: another thread takes its place; "
+                "%d encodings in all have not ended",
                 self._operator,
                 self._cloud.cloud.name,
                 hung + 1,

@@ -82,7 +82,7 @@ class PolicyFailures:
                 if self._on_failure is not None:
                     self._on_failure(failure)
             except Exception:
-                _log.exception("%s: what is called on failures failed", self._name)
+                _log.exception("%s: on_failure failed", self._name)
 
 
 class TickRate:

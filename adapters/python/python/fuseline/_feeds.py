@@ -23,7 +23,7 @@ _log = logging.getLogger("fuseline")
 #: The seconds after which it is logged that messages wait because nobody reads the items.
 UNREAD_SECONDS = 5.0
 #: The end of each message about unread items: the reason and the remedy.
-_UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
+_UNREAD = "and no item has been read: read the items within the block, `async for item in operator`"
 
 
 class Feeds(Generic[M]):
@@ -142,7 +142,9 @@ class Feeds(Generic[M]):
         self._watch_unread()
         if is_unread:
             _log.warning(
-                "%s: %d items wait to be read, and none was read for %s s: no message is taken",
+                "%s: %d items wait to be read, and none was read for %s s: no message is taken "
+                "until one is read "
+                "until one is read",
                 self._operator.name,
                 len(self._output.items),
                 UNREAD_SECONDS,

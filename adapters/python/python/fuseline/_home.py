@@ -45,23 +45,31 @@ class Home:
             return
         if self.thread == _FORKED:
             raise RuntimeError(
-                f"{method} in a process that was forked; the operator runs in the one that started "
-                "it: make one here"
+                f"{method} was called in a forked process, but the operator runs in the process "
+                "that started it; make an operator here"
             )
         if method == "write":
             remedy = "use write_threadsafe"
         else:
             remedy = f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
-        raise RuntimeError(f"{method} in another thread than the operator's loop; {remedy}")
+        raise RuntimeError(
+            f"{method} was called in another thread than the operator's loop; {remedy}"
+        )
 
     def _check_loop(self, method: str, *, is_over: bool) -> None:
         running = _running_loop()
         if self.loop is None or running is self.loop:
             return
         if self.loop.is_closed() and not is_over:
-            raise Closed(f"{method} after the operator's loop has ended; an operator has one loop")
+            raise Closed(
+                f"{method} was called after the operator's loop ended; an operator has only one "
+                "loop"
+            )
         if running is not None and not is_over:
-            raise RuntimeError(f"{method} in another loop than the operator's; it has one loop")
+            raise RuntimeError(
+                f"{method} was called in another loop than the operator's; an operator has only "
+                "one loop"
+            )
 
 
 class Arrivals(Generic[M]):
@@ -86,7 +94,7 @@ class Arrivals(Generic[M]):
         with self._lock:
             if self._on_their_way >= self._limit:
                 self.not_taken += 1
-                raise Full(f"{self._on_their_way} messages are on their way; the loop is held up")
+                raise Full(f"{self._on_their_way} messages wait for the loop, which is held up")
             self._on_their_way += 1
         future: Future[int] = Future()
         try:

@@ -96,7 +96,7 @@ class Lineage:
 
     def __post_init__(self) -> None:
         if isinstance(self.missing, (str, bytes)):
-            raise TypeError(f"missing {self.missing!r}; give a tuple of names")
+            raise TypeError(f"missing is {self.missing!r}; give a tuple of names")
         for name in (self.origin, *self.missing):
             if name is not None and (not isinstance(name, str) or name != as_text(name)):
                 raise TypeError(f"an origin of {name!r}; give the stream's name as text")
@@ -134,8 +134,9 @@ def check_capture(captured: int, now: int) -> None:
     """
     if captured > now + CAPTURE_SLACK:
         raise TimeError(
-            f"captured {(captured - now) / 1e9:.3f} s from now, by another clock than the "
-            "operator's: give time.monotonic_ns(), or the operator the clock of the stamps"
+            f"captured lies {(captured - now) / 1e9:.3f} s in the future, so it was read from "
+            "another clock than the operator's: give time.monotonic_ns(), or give the operator "
+            "the clock of the stamps"
         )
 
 

@@ -175,7 +175,7 @@ class _SharedSource(Generic[T]):
             read = reading.result()
         except asyncio.CancelledError as error:
             # The source was cancelled, not this reader.
-            self._error = RuntimeError("what is read ended in CancelledError")
+            self._error = RuntimeError("the iterable that Items reads ended in CancelledError")
             raise self._error from error
         except BaseException as error:
             self._error = error

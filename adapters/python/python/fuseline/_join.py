@@ -267,7 +267,7 @@ class Join:
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
         """Sets the function that is called with each dropped message. It must not block."""
-        check_function(on_drop, "what is called on drops")
+        check_function(on_drop, "on_drop")
         self._on_drop = on_drop
 
     async def __aenter__(self) -> Join:
@@ -338,7 +338,7 @@ class Join:
             raise ConfigError("an input cannot be added after the start; add it before")
         check_text(joined.name, "an input")
         if any(it.name == joined.name for it in self._inputs):
-            raise ConfigError(f"two inputs named {joined.name!r}; each has a name of its own")
+            raise ConfigError(f"two inputs are named {joined.name!r}; give each its own name")
         self._inputs.append(joined)
         self.counts.know((joined.name, "message", it) for it in INPUT_OUTCOMES)
         return joined
@@ -357,7 +357,9 @@ class Join:
             done.result(HANDOVER)
         except (TimeoutError, FutureTimeoutError) as error:
             if done.cancel():
-                raise Full(f"the loop has not taken it for {HANDOVER} s; it is held up") from error
+                raise Full(
+                    f"the loop is held up: it has not taken the message for {HANDOVER} s"
+                ) from error
             done.result()
 
     def _written(self, joined: JoinInput[T], message: T, lineage: Lineage | None) -> None:
@@ -419,7 +421,7 @@ class Join:
         if self._on_drop is None:
             return
         try:
-            check_value(self._on_drop(dropped), "what is called on drops", "make it plain")
+            check_value(self._on_drop(dropped), "on_drop", "make it plain")
         except (Exception, asyncio.CancelledError):
             _log.exception("%s: the handler of drops failed", self.name)
 

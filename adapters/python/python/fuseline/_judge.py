@@ -333,7 +333,7 @@ def report(
     named = list(zip(each, called, strict=True))
     judged_by = slack(tolerance, lateness)
     if tolerances and judged_by is None:
-        raise ValueError("tolerances of sources without a tolerance of all others; give it too")
+        raise ValueError("tolerances need a tolerance for all other sources; give tolerance= too")
     verdicts, html = _fuseline.report(named, judged_by, list((tolerances or {}).items()))
     replace_file(Path(page), html)
     return tuple(map(_verdict, verdicts))

@@ -155,7 +155,7 @@ class Local(Generic[M, V]):
         ...     return lambda number, timestamp: model["gain"] * number
         >>> local = Local.threads_of(load, workers=2)
         """
-        check_function(make, "what makes local")
+        check_function(make, "make")
         if replaceable is not None:
             check_count(replaceable, 0, "computations that may be replaced")
 
@@ -205,7 +205,7 @@ class Local(Generic[M, V]):
         if self._make is None:
             return
         if self._pool is not None:
-            raise ConfigError("one Local for two operators at once; make one for each")
+            raise ConfigError("this Local is used by two operators at once; make one for each")
         self._pool = self._make(self.at_once)
         try:
             # The first messages would otherwise wait until the processes have started.
@@ -246,7 +246,7 @@ class Local(Generic[M, V]):
 def _plain(compute: Callable[..., Any], where: str) -> None:
     if is_async(compute):
         raise ConfigError(f"{where} takes a plain function; give an async one to Local.task")
-    check_function(compute, f"what {where} takes")
+    check_function(compute, f"compute of {where}")
     check_takes(compute, "local", "message", "timestamp")
 
 

@@ -66,8 +66,8 @@ class ReaderList(WaiterList):
 def report_sharing(what: str) -> None:
     """Logs that several readers read the same thing at once, so that each gets only a part."""
     _log.warning(
-        "%s: several readers at once share what comes, and each gets only a part; for all of it "
-        "read Items, and give each reader a new_reader() of its own",
+        "%s: several readers share the items, so each gets only some of them; for all items read "
+        "Items, and give each reader its own new_reader()",
         what,
     )
 

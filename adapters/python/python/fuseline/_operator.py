@@ -380,7 +380,7 @@ class Operator(Setup[M, V], Generic[M, V]):
         check_messages(messages)
         source: object = messages
         if source is self:
-            raise ConfigError("an operator is not fed with its own items; read them")
+            raise ConfigError("an operator cannot be fed its own items; read them")
         if self._is_last:
             raise Closed("the operator takes no more messages; feed all streams before one ends")
         self._feeds.begin(messages)
@@ -524,6 +524,8 @@ class Operator(Setup[M, V], Generic[M, V]):
         try:
             driver.set_situation(situation(message, t))
         except (Exception, asyncio.CancelledError):
-            _log.exception("%s: the situation's handler failed: nothing is known", self.name)
+            _log.exception(
+                "%s: the situation's handler failed, so the situation is unknown", self.name
+            )
             driver.counting.handler_failed(None)
             driver.set_situation(Situation())

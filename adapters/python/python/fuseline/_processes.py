@@ -61,8 +61,8 @@ class WorkerProcess:
             self._process.join(GRACE)
             raise ConfigError(
                 f"a process of local's ended with code {self._process.exitcode} at its start: the "
-                "function must be one of a module that can be imported, and a script that starts "
-                'processes begins with `if __name__ == "__main__":`'
+                "function must be in a module that can be imported, and a script that starts "
+                'processes must begin with `if __name__ == "__main__":`'
             ) from None
 
     def end(self) -> None:
@@ -111,8 +111,8 @@ class WorkerProcess:
         except Exception as error:
             ours.close()
             raise ConfigError(
-                f"what Local.processes takes cannot be given to a process, {in_one_line(error)}: "
-                "give a function of a module"
+                "the function of Local.processes cannot be sent to a process, "
+                f"{in_one_line(error)}: give a function of a module"
             ) from error
         finally:
             theirs.close()
@@ -120,7 +120,9 @@ class WorkerProcess:
 
     def _kill(self) -> None:
         if self._process.is_alive():
-            _log.warning("a computation of local's goes on after its end: its process is killed")
+            _log.warning(
+                "a local computation continues after the operator's end: its process is killed"
+            )
             self._process.kill()
 
 

@@ -67,7 +67,10 @@ class Recording:
         """Writes the trace up to here, because the program ends."""
         if self._process != os.getpid() or self._calls.is_over:
             return
-        _log.warning("%s: the program ends, and it was not closed: its trace ends here", self._name)
+        _log.warning(
+            "%s: the program ends, but the operator was not closed: its trace ends here",
+            self._name,
+        )
         until = time.monotonic() + GRACE
         try:
             # The operator's thread may be in the middle of an input.

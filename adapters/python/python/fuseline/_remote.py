@@ -244,4 +244,6 @@ def check_connects(remote: Any) -> None:
             "class, or `lambda: policy`"
         )
     if is_async(remote):
-        raise ConfigError("what connects is a plain function; it runs in a thread of its own")
+        raise ConfigError(
+            "the function that connects must be plain, not async; it runs in a thread of its own"
+        )

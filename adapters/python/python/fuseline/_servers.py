@@ -103,7 +103,9 @@ def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
                 if not meant_for or meant_for[0] != step:
                     continue
                 if meant_for != list(range(step, step + len(actions))):
-                    raise ValueError(f"a chunk for the steps {meant_for}, which are not in a row")
+                    raise ValueError(
+                        f"the chunk is for the steps {meant_for}, which are not consecutive"
+                    )
                 return [action.get_action() for action in actions]
 
         def close(self) -> None:
@@ -121,4 +123,4 @@ def _check_address(address: Any) -> None:
 
 def _check_port(port: Any, what: str) -> None:
     if not isinstance(port, int) or isinstance(port, bool) or not 1 <= port <= 65535:
-        raise ConfigError(f"{what} {port!r}; it is an int from 1 to 65535")
+        raise ConfigError(f"{what} {port!r}; it must be an int from 1 to 65535")

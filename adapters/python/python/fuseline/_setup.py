@@ -125,7 +125,7 @@ class Setup(Generic[M, V]):
         check_count(resume, 0, "a resume")
         check_count(max_age, 0, "a max_age")
         if encode is not None:
-            check_function(encode, "what encodes")
+            check_function(encode, "encode")
         if policy is not None:
             check_policy(policy)
             policy = policy_of(policy)
@@ -193,7 +193,7 @@ class Setup(Generic[M, V]):
         self._check_not_started("a state")
         if not isinstance(state, CarriedState):
             raise ConfigError(f"a state is a CarriedState, not {state!r}")
-        check_function(state_of, "what reads a state")
+        check_function(state_of, "state_of")
         self._handlers.states.append((state, state_of))
 
     def use_side_request(
@@ -241,7 +241,7 @@ class Setup(Generic[M, V]):
 
     def _check_not_started(self, what: str) -> None:
         if self._driver is not None:
-            raise ConfigError(f"{what} after the start; register it before")
+            raise ConfigError(f"{what} was registered after the start; register it before")
 
     def _names(self) -> list[str]:
         """Returns the names that counts already use."""

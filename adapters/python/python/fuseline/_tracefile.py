@@ -87,8 +87,8 @@ def hold(path: Any) -> TraceFile | None:
             return None
         if not is_new and not _is_trace(file):
             raise ConfigError(
-                f"the trace {file} would overwrite a file that is none; remove it, or give another "
-                "path"
+                f"the trace {file} would overwrite a file that is not a trace; remove it, or give "
+                "another path"
             )
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
     except OSError:

@@ -31,9 +31,11 @@ def check_function(function: Any, what: str) -> None:
     """
     _check_callable(function, what)
     if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
-        raise ConfigError(f"{what} is a function that returns; this one yields")
+        raise ConfigError(f"{what} must be a function that returns; this one yields")
     if is_async(function):
-        raise ConfigError(f"{what} is a plain function, not an async def: it runs at one instant")
+        raise ConfigError(
+            f"{what} must be a plain function, not an async def: it runs at one instant"
+        )
 
 
 def check_handle(handle: Any) -> None:
@@ -44,7 +46,9 @@ def check_handle(handle: Any) -> None:
     """
     _check_callable(handle, "a handle")
     if inspect.isasyncgenfunction(handle) or inspect.isgeneratorfunction(handle):
-        raise ConfigError("a handle is an async def that returns its response, and yields nothing")
+        raise ConfigError(
+            "a handle must be an async def that returns its response, and yields nothing"
+        )
     function = inspect.unwrap(getattr(handle, "__func__", handle))
     is_named = inspect.isfunction(function) and function.__name__ != "<lambda>"
     # A plain decorator of an async function returns that function's awaitable.
@@ -96,18 +100,18 @@ def check_value(value: Any, what: str, remedy: str) -> None:
     if is_awaitable(value):
         if inspect.iscoroutine(value):
             value.close()
-        raise WiringError(f"{what} gave an awaitable for a value: {remedy}")
+        raise WiringError(f"{what} returned an awaitable instead of a value: {remedy}")
     if is_generator:
         raise WiringError(
-            f"{what} gave a generator for a value: return the value, and do not yield"
+            f"{what} returned a generator instead of a value: return the value, and do not yield"
         )
 
 
 def no_value(what: str) -> WiringError:
     """Returns the error for None as a value. Nearly always a ``return`` is missing."""
     return WiringError(
-        f"{what} returned None, which is no value: add the return, or return an empty value that "
-        "is not None"
+        f"{what} returned None, which is not a value: add the return, or return an empty value "
+        "that is not None"
     )
 
 
@@ -125,7 +129,7 @@ def check_read(value: Any, what: str) -> None:
 def check_response_handler(handler: Any) -> None:
     """Refuses a handler that cannot be called. A class may make the output."""
     if not callable(handler):
-        raise ConfigError(f"a response handler is a function, not {handler!r}")
+        raise ConfigError(f"a response handler must be a function, not {handler!r}")
 
 
 def check_priority(priority: Any, others: list[int]) -> None:
@@ -135,24 +139,24 @@ def check_priority(priority: Any, others: list[int]) -> None:
         ConfigError: if it is not an int, out of range, or another cloud's.
     """
     if isinstance(priority, bool) or not isinstance(priority, int):
-        raise ConfigError(f"a priority of {priority!r}; it is an int from 1 to 65535")
+        raise ConfigError(f"a priority of {priority!r}; it must be an int from 1 to 65535")
     if not 1 <= priority <= 65535:
-        raise ConfigError(f"a priority of {priority}; clouds have 1 to 65535, and local has 0")
+        raise ConfigError(f"a priority of {priority}; a cloud has 1 to 65535, and local has 0")
     if priority in others:
-        raise ConfigError(f"two clouds of priority {priority}; each has one of its own")
+        raise ConfigError(f"two clouds have the priority {priority}; give each its own")
 
 
 def check_count(count: Any, least: int, what: str) -> None:
     """Refuses a value that is not a whole number of at least ``least``."""
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
-        raise ConfigError(f"{what} of {count!r}; it is an int of at least {least}")
+        raise ConfigError(f"{what} of {count!r}; it must be an int of at least {least}")
 
 
 def check_range(count: Any, least: int, most: int, what: str) -> None:
     """Refuses a value that is not a whole number from ``least`` to ``most``."""
     check_count(count, least, what)
     if count > most:
-        raise ConfigError(f"{what} of {count}; it is at most {most}")
+        raise ConfigError(f"{what} of {count}; it must be at most {most}")
 
 
 def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
@@ -163,7 +167,10 @@ def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
     """
     check_text(name, what)
     if name == "local":
-        raise ConfigError(f"{what} named 'local', as what computes on board is; give another name")
+        raise ConfigError(
+            f"{what} named 'local', which is the name of the computation on board; give another "
+            "name"
+        )
     if name in others:
         raise ConfigError(
             f"{what} named {name!r}, as another one is; counts and logs could not tell them apart: "
@@ -178,7 +185,7 @@ def check_text(name: Any, what: str) -> None:
         ConfigError: if it is not text, empty, or has a line break or another control character.
     """
     if not isinstance(name, str) or not name:
-        raise ConfigError(f"{what} named {name!r}; a name is a str that is not empty")
+        raise ConfigError(f"{what} named {name!r}; a name must be a str that is not empty")
     if name != as_text(name):
         raise ConfigError(f"{what} named {name!r}, which is not valid text; give another name")
     if any(unicodedata.category(it) in ("Cc", "Zl", "Zp") for it in name):
@@ -196,7 +203,9 @@ def check_commit(commit: Any) -> None:
     """
     words = [str(it) for it in Commit]
     if commit not in words:
-        raise ConfigError(f"a commit rule {commit!r}; it is {', '.join(words[:-1])} or {words[-1]}")
+        raise ConfigError(
+            f"a commit rule {commit!r}; it must be {', '.join(words[:-1])} or {words[-1]}"
+        )
 
 
 def check_message(message: Any) -> None:
@@ -237,10 +246,11 @@ def check_clock(clock: Any) -> None:
     try:
         now = clock()
     except Exception as error:
-        raise ConfigError(f"a clock that raises {error!r}; give time.monotonic_ns") from error
+        raise ConfigError(f"the clock raised {error!r}; give time.monotonic_ns") from error
     if isinstance(now, bool) or not hasattr(now, "__index__") or not 0 <= now < 2**64:
         raise ConfigError(
-            f"a clock that reads {now!r}; it reads whole nanoseconds from 0, as time.monotonic_ns"
+            f"the clock read {now!r}; it must read whole nanoseconds from 0, as time.monotonic_ns "
+            "does"
         )
 
 
@@ -251,7 +261,7 @@ def check_trace(path: Any) -> None:
         ConfigError: if it is not a path, for example an open file.
     """
     if path is not None and not isinstance(path, (str, bytes, os.PathLike)):
-        raise ConfigError(f"a trace of {path!r}; give the path of the file that it is written to")
+        raise ConfigError(f"a trace of {path!r}; give the path of the file to write")
 
 
 def check_reserve(reserve: Any) -> None:
@@ -263,7 +273,8 @@ def check_reserve(reserve: Any) -> None:
     is_list = isinstance(reserve, Iterable) and not isinstance(reserve, (str, bytes))
     if not is_list or not all(isinstance(it, Latency) for it in reserve):
         raise ConfigError(
-            f"a reserve of {reserve!r}; it is a list of Latency, such as [Latency.stated(0.05)]"
+            f"a reserve of {reserve!r}; it must be a list of Latency, such as "
+            "[Latency.stated(0.05)]"
         )
 
 
@@ -301,7 +312,7 @@ def check_timeout(timeout: Any) -> float | None:
         return timeout.total_seconds()
     if isinstance(timeout, bool) or not hasattr(timeout, "__float__") or timeout != timeout:
         raise TypeError(
-            f"a timeout of {timeout!r}; it is seconds as a number, a timedelta, or None"
+            f"a timeout of {timeout!r}; it must be seconds as a number, a timedelta, or None"
         )
     return float(timeout)
 
@@ -330,8 +341,8 @@ def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str)
     own = learners(policy)
     if any(a is b for other in others if other is not None for b in learners(other) for a in own):
         raise ConfigError(
-            f"the policy of {name} is another cloud's too, and would learn of both as of one; make "
-            "one for each cloud"
+            f"the policy of {name} is also another cloud's, and would treat both clouds as one; "
+            "make one for each cloud"
         )
 
 
@@ -353,7 +364,7 @@ def _check_callable(function: Any, what: str) -> None:
     if inspect.isclass(function):
         raise ConfigError(f"the class {function.__name__} for {what}; give an instance")
     if not callable(function):
-        raise ConfigError(f"{what} is a function, not {function!r}")
+        raise ConfigError(f"{what} must be a function, not {function!r}")
 
 
 class ConstructorArgument:

@@ -288,7 +288,7 @@ def _cloud(text: str) -> tuple[str, float]:
     if name and name != "local":
         with contextlib.suppress(ValueError):
             return name, float(seconds)
-    raise argparse.ArgumentTypeError(f"{text!r}: give NAME=SECONDS, and no cloud is named local")
+    raise argparse.ArgumentTypeError(f"{text!r}: give NAME=SECONDS, and name no cloud local")
 
 
 def main() -> int:
@@ -296,7 +296,7 @@ def main() -> int:
     parser = argparse.ArgumentParser("python -m fuseline.dora")
     parser.add_argument(
         "--cloud", type=_cloud, action="append", default=[], metavar="NAME=SECONDS",
-        help="a cloud and how long it may take, in rising priority",
+        help="a cloud and its deadline; later clouds have higher priorities",
     )  # fmt: skip
     parser.add_argument("--local-deadline", type=float, default=1.0, metavar="SECONDS")
     parser.add_argument("--calls", type=int, default=8, help="requests of a source at once")

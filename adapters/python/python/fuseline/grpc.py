@@ -70,7 +70,7 @@ class Token:
     def replace(self, token: str) -> None:
         """Replaces the token, for calls from now on."""
         if not token or not all("!" <= it <= "~" for it in token):
-            raise ConfigError("a token must be visible ASCII characters, at least one")
+            raise ConfigError("a token must be one or more visible ASCII characters")
         self._header = f"Bearer {token}"
 
     def __repr__(self) -> str:
@@ -304,7 +304,7 @@ class Server:
             )
         check_handle(infer)
         if not isinstance(address, str):
-            raise ConfigError(f"an address of {address!r}; it is a text such as '127.0.0.1:0'")
+            raise ConfigError(f"an address of {address!r}; it must be a text such as '127.0.0.1:0'")
         self._infer = infer
         self._wanted = address
         self._identity, self._client_ca = identity, client_ca
@@ -351,8 +351,8 @@ class Server:
             if self._identity is not None and self._is_free(options):
                 raise ConfigError("the server's certificate or key cannot be used") from error
             raise OSError(
-                f"{self._wanted} cannot be listened on; choose an address of this machine and a "
-                "free port"
+                f"the server cannot listen on {self._wanted}; choose an address of this host and "
+                "a free port"
             ) from error
         if port == 0:
             raise ConfigError("the server's certificate or key cannot be used")

@@ -251,7 +251,7 @@ def compare_responses(sources: Mapping[str, Responses], *, deadline: Duration) -
     if priorities[:1] != [0]:
         raise ValueError("no source of priority 0, which is local")
     if len(set(priorities)) < len(priorities) or priorities[-1] > 65535:
-        raise ValueError(f"priorities {priorities}; each source has one of its own, up to 65535")
+        raise ValueError(f"priorities {priorities}; give each source its own, up to 65535")
     if len({len(it.seconds) for _, it in ordered}) > 1:
         raise ValueError("sources with responses for different numbers of messages")
     messages = list(zip(*(it.seconds for _, it in ordered), strict=True))

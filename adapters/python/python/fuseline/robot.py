@@ -66,10 +66,11 @@ class Hold:
     def __post_init__(self) -> None:
         if callable(self.first):
             raise ConfigError(
-                f"to hold {self.first!r}; a policy is given as on_board itself, without Hold"
+                f"Hold has {self.first!r}, which can be called; give a policy as on_board itself, "
+                "without Hold"
             )
         try:
-            form_of(self.first, "what is held")
+            form_of(self.first, "the held action")
         except CallError as error:
             raise ConfigError(f"{error}; give the first action that may be sent") from error
 
@@ -155,7 +156,7 @@ class Always:
     ) -> None:
         check_connects(remote)
         if on_failure is not None:
-            check_function(on_failure, "what is called on failures")
+            check_function(on_failure, "on_failure")
         self._deadline = _deadline_of(deadline, period)
         self._linger = nanoseconds(linger) / 1e9
         self._failures = PolicyFailures(name, on_failure)
@@ -214,10 +215,12 @@ class Always:
                 repeated. If a policy on board loads slowly, call it once before the first tick.
         """
         if threading.get_ident() in self._inside:
-            raise RuntimeError("infer in the policy on board, or in what is called on failures")
+            raise RuntimeError(
+                "infer was called in the policy on board, or in on_failure"
+            )
         with self._turn:
             if self._is_closed:
-                raise ConfigError("the policy was closed, and does not run any more; make another")
+                raise ConfigError("the policy was closed and does not run; make another")
             if self._rate is not None:
                 gap = self._rate.tick(time.monotonic())
                 if self._plan is not None:
@@ -397,11 +400,11 @@ def _deadline_of(deadline: Duration | None, period: Duration | None) -> float:
         )
     if deadline is None:
         if tick is None:
-            raise ConfigError("neither a deadline nor a period; give one")
+            raise ConfigError("neither a deadline nor a period is given; give one")
         return 0.75 * tick
     given = nanoseconds(deadline) / 1e9
     if given == 0:
-        raise ConfigError("a deadline of 0; no action could be there by then")
+        raise ConfigError("a deadline of 0 leaves no time for an action; give a longer one")
     if given > LONGEST_DEADLINE:
         raise ConfigError(
             f"a deadline of {given} s; at most {LONGEST_DEADLINE} s may be waited, so nothing "

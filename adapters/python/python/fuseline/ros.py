@@ -111,7 +111,7 @@ class TimeSynchronizer:
 
     def on_drop(self, on_drop: Callable[[JoinDrop], Any]) -> None:
         """Registers a function that gets each dropped message: late, repeated or without a key."""
-        check_function(on_drop, "what is called on drops")
+        check_function(on_drop, "on_drop")
         self._on_drop = on_drop
 
     def _add(self, index: int, message: Any) -> None:

@@ -72,14 +72,14 @@ def _page(answers: dict[str, Answer], title: str) -> str:
         f"<h1>{escape(title)}</h1>",
         _headline(totals),
         _tiles(totals),
-        _table("Whose results went out", answers["sources"]),
+        _table("Results that were sent, by source", answers["sources"]),
         _curves(answers["responses"]),
         _table("By operator", answers["operators"]),
         _bars(answers["on_board"]),
-        _table("Rules that are broken", answers["rules"], "None is broken."),
-        _table("What is in doubt", answers["doubts"], "Nothing is."),
+        _table("Broken rules", answers["rules"], "No rule is broken."),
+        _table("Doubts", answers["doubts"], "Nothing is in doubt."),
         _table("The worst drives", answers["worst"], "Nothing went wrong in any drive."),
-        _table("Traces that cannot be read", answers["unreadable"], "All could be read."),
+        _table("Traces that cannot be read", answers["unreadable"], "All traces could be read."),
     ]
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -106,7 +106,7 @@ def _headline(totals: dict[str, Any]) -> str:
     if totals["judges"] > 1 or totals["manners"] > 1:
         note = (
             f'<p class="bad">They were judged by {totals["judges"]} builds of the judge in '
-            f"{totals['manners']} manners: compare them with care.</p>"
+            f"{totals['manners']} ways: compare them with care.</p>"
         )
     return f"<p>{', '.join(parts)}.</p>{note}"
 
@@ -196,7 +196,7 @@ def _curves(answer: Answer) -> str:
         x0, y0 = WIDTH - 118, 16 + 16 * i
         drawn.append(f'<rect x="{x0}" y="{y0}" width="10" height="10" fill="{colour}"/>')
         drawn.append(f'<text x="{x0 + 16}" y="{y0 + 9}">{escape(source[:18])}</text>')
-    caption = "Which share of a source's outputs took at most how long"
+    caption = "Share of each source's outputs that took at most this long"
     return f"<h2>{caption}</h2>{_svg(caption, drawn)}"
 
 
@@ -217,7 +217,7 @@ def _bars(answer: Answer) -> str:
             f"<title>{label}: {drives:,} drives</title></rect>"
         )
     drawn += [_below(LEFT + step * (i + 0.5), f"{5 * i} %") for i in range(0, 21, 4)]
-    caption = "How many drives had which share of their outputs from on board"
+    caption = "Number of drives by the share of their outputs from on board"
     return f"<h2>{caption}</h2>{_svg(caption, drawn)}"
 
 
