@@ -128,7 +128,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Stores a value, unless a better one is held for its timestamp.
+    /// Stores a value, unless an equal or better one is held for its timestamp.
     fn hold(&mut self, new: HeldValue<V>) {
         let is_same = |held: &HeldValue<V>| held.timestamp == new.timestamp;
         if let Some(held) = self.values.iter_mut().flatten().find(|held| is_same(held)) {
