@@ -8,6 +8,7 @@ use std::time::{Duration, SystemTime};
 use fuseline_engine::{Counting, Ending, Hint, Item, Lineage, Offer, Origin, Reserve, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
+use futures_util::StreamExt;
 use tokio::time::Instant;
 use tracing::{debug, error};
 
@@ -26,8 +27,8 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use channels::InputChannels;
 use channels::known;
+pub(crate) use channels::{InputChannels, report_ticks};
 
 /// Local's index among the sources.
 const LOCAL: usize = 0;
@@ -126,7 +127,9 @@ impl Transport for NodeFusion<'_> {
                     .map(|sample| self.take_speed(sample))
                     .map(|()| None),
                 5 => self.poll_orders(context),
-                _ => received.report.poll_tick(context).map(|_| self.report()).map(|()| None),
+                _ => known(received.reports.poll_next_unpin(context))
+                    .map(|()| self.report())
+                    .map(|()| None),
             };
             match event {
                 Poll::Ready(Some(event)) => return Poll::Ready(event),

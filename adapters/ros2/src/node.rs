@@ -7,11 +7,10 @@ use std::time::Duration;
 use fuseline_engine::{CloudConfig, Counting, Engine, EngineConfig, Local, Tally};
 use fuseline_tokio::drive::{Driver, finish};
 use tokio::sync::mpsc;
-use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::error::NodeError;
-use crate::fusion::{InputChannels, LoopState, NodeFusion};
+use crate::fusion::{InputChannels, LoopState, NodeFusion, report_ticks};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Graph, Publish, ReceivedPayload};
 use crate::raw::Payload;
@@ -96,8 +95,7 @@ pub(crate) fn open<'a>(
         ends.push(latest(graph, settings, topic, reported)?);
     }
     let node = settings.node.full();
-    let mut report = interval(settings.diagnostics_period);
-    report.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let reports = report_ticks(settings.diagnostics_period);
     let fusion = NodeFusion {
         sources,
         ends,
@@ -114,7 +112,7 @@ pub(crate) fn open<'a>(
         node,
         status_publisher: Box::new(status_publisher),
         counting: counting.clone(),
-        received: InputChannels { inputs, results, deadlines, speeds, changes, report },
+        received: InputChannels { inputs, results, deadlines, speeds, changes, reports },
         orders,
         speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,

@@ -1,11 +1,14 @@
 //! Takes the events of topics and parameters one by one.
 
 use std::task::{Context, Poll};
+use std::time::Duration;
 
 use fuseline_tokio::StampedValue;
 use fuseline_tokio::drive::{Completion, Incoming};
+use futures_util::StreamExt;
+use futures_util::stream::{BoxStream, SelectAll, poll_fn, select_all};
 use tokio::sync::mpsc;
-use tokio::time::{Instant, Interval};
+use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::{debug, info, warn};
 
 use super::{LOCAL, LoopState, NodeFusion};
@@ -23,7 +26,18 @@ pub(crate) struct InputChannels<'a> {
     pub(crate) deadlines: mpsc::Receiver<ReceivedPayload>,
     pub(crate) speeds: mpsc::Receiver<ReceivedPayload>,
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
-    pub(crate) report: Interval,
+    pub(crate) reports: ReportTicks,
+}
+
+/// The ticks at which reports are due. The main loop asks before each event, so the timer is polled
+/// only if it was woken.
+pub(crate) type ReportTicks = SelectAll<BoxStream<'static, ()>>;
+
+/// Returns ticks with this period, of which the first comes at once.
+pub(crate) fn report_ticks(period: Duration) -> ReportTicks {
+    let mut interval = interval(period);
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    select_all([poll_fn(move |context| interval.poll_tick(context).map(|_| Some(()))).boxed()])
 }
 
 impl NodeFusion<'_> {

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use fuseline_engine::lock;
+use futures_util::stream::{once, select_all};
 use futures_util::{StreamExt, pin_mut};
 use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvented};
 use rustdds::dds::{CreateResult, WriteError};
@@ -65,6 +66,12 @@ type SharedWriter = Arc<DataWriter<Payload, Cdr>>;
 struct SampleHandler<T> {
     take: T,
     recent: Mutex<RecentIds<(GUID, i64)>>,
+}
+
+/// What a subscription hears beside its samples.
+enum Notice {
+    Closed,
+    Status(DataReaderStatus),
 }
 
 /// One writer's source timestamps: the time of day, but never going back.
@@ -200,15 +207,21 @@ where
         reader: SimpleDataReader<Payload, Cdr>,
         end: Arc<Endpoint>,
         participant: DomainParticipant,
-        closed: impl Future<Output = ()>,
+        closed: impl Future<Output = ()> + Send,
     ) {
-        let (samples, statuses) = (reader.as_async_stream(), reader.as_async_status_stream());
-        pin_mut!(samples, statuses, closed);
+        let closed = once(closed).map(|()| Notice::Closed);
+        let statuses = reader.as_async_status_stream().map(Notice::Status);
+        // Before each sample this polls only what was woken.
+        let mut notices = select_all([closed.boxed(), statuses.boxed()]);
+        let samples = reader.as_async_stream();
+        pin_mut!(samples);
         loop {
             tokio::select! {
                 biased;
-                () = &mut closed => break,
-                Some(status) = statuses.next() => end.of_reader(&status, &participant),
+                Some(notice) = notices.next() => match notice {
+                    Notice::Closed => break,
+                    Notice::Status(status) => end.of_reader(&status, &participant),
+                },
                 sample = samples.next() => match sample {
                     Some(Ok(sample)) if end.is_strange(sample.writer_guid().to_bytes()) => {}
                     Some(sample) => {

@@ -6,7 +6,6 @@ use std::sync::{Mutex, MutexGuard};
 use fuseline_engine::{Engine, Tally};
 use fuseline_tokio::drive::{Driver, Timers, finish};
 use tokio::sync::{mpsc, oneshot};
-use tokio::time::{MissedTickBehavior, interval};
 
 use super::*;
 use crate::arguments::Arguments;
@@ -203,8 +202,6 @@ pub(super) fn run(
         let mut stop = Stop::never();
         let mut reported =
             LifecycleRequests { reported: subscription.orders, is_active: false, last: None };
-        let mut report = interval(1000 * MS);
-        report.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let counting = engine.counts();
         let fusion = NodeFusion {
             sources,
@@ -228,7 +225,7 @@ pub(super) fn run(
                 deadlines: subscription.deadlines,
                 speeds: subscription.speeds,
                 changes: &mut subscription.changes,
-                report,
+                reports: report_ticks(1000 * MS),
             },
             speed,
             orders: is_managed.then_some(&mut reported),
