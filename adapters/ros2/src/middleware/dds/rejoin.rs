@@ -95,8 +95,11 @@ fn spawn(tasks: &mut JoinSet<()>, domain: DomainHandle, needed: Arc<Notify>, clo
         loop {
             needed.notified().await;
             let former = loop {
-                match rejoin(&domain).await {
-                    Ok(former) => break former,
+                match rejoin(&domain, &needed).await {
+                    Ok(Attempt::Joined(former)) => break former,
+                    Ok(Attempt::Outdated(next)) => {
+                        leaving.spawn(next.leave());
+                    }
                     Err(error) => {
                         error!(%error, "the domain cannot be joined again; trying once more");
                         sleep(RETRY_PERIOD).await;
@@ -123,8 +126,17 @@ async fn watch(mut clock: WallClock, needed: Arc<Notify>) {
     }
 }
 
-/// Lets a second participant take over from the first one, which it returns.
-async fn rejoin(domain: &DomainHandle) -> Result<FormerParticipant, NodeError> {
+/// The end of an attempt to join the domain again.
+enum Attempt {
+    /// The second participant has taken over from this one.
+    Joined(FormerParticipant),
+    /// The second participant is of no use, because the clock stepped back before it had met all
+    /// peers. It may never read their announcements.
+    Outdated(JoinedParticipant),
+}
+
+/// Lets a second participant take over from the first one, unless another is `needed` first.
+async fn rejoin(domain: &DomainHandle, needed: &Notify) -> Result<Attempt, NodeError> {
     let creating = domain.clone();
     // Not on this thread, which serves deadlines.
     let created = spawn_blocking(move || creating.create_again()).await;
@@ -132,18 +144,22 @@ async fn rejoin(domain: &DomainHandle) -> Result<FormerParticipant, NodeError> {
         created.map_err(|error| NodeError::System(std::io::Error::other(error)))??;
     let end = Instant::now() + if domain.is_lost() { LOST_PATIENCE } else { PATIENCE };
     while Instant::now() < end && !entities.iter().all(NewEntity::is_matched) {
-        sleep(MATCH_PERIOD).await;
+        tokio::select! {
+            () = needed.notified() => return Ok(Attempt::Outdated(next)),
+            () = sleep(MATCH_PERIOD) => {}
+        }
     }
+    // What follows is reliable, so a step no longer matters to it.
     let met = join_all(entities.iter().map(NewEntity::met));
     let (_, ()) = tokio::join!(timeout_at(end, met), sleep(OVERLAP));
-    domain.take_over(next, entities)
+    domain.take_over(next, entities).map(Attempt::Joined)
 }
 
 #[cfg(test)]
 mod tests {
     use std::future::ready;
 
-    use tokio::sync::mpsc;
+    use tokio::sync::{mpsc, watch};
     use tokio::time::timeout;
 
     use super::*;
@@ -155,14 +171,79 @@ mod tests {
     const TYPE: &str = "tests/msg/Number";
     const RELIABLE: Qos = Qos { reliable: true, transient_local: false, depth: 1000 };
 
-    fn number(number: u32) -> Payload {
-        Payload { big_endian: true, body: number.to_be_bytes().to_vec().into() }
+    /// Joins a domain, and rejoins it whenever that is needed. A participant has met its peers if
+    /// `meets` returns `true` for its number. Returns the count of participants that were created,
+    /// and the numbers of those that took over.
+    fn rejoining(
+        meets: fn(u32) -> bool,
+    ) -> (Domain, Arc<Notify>, watch::Receiver<u32>, mpsc::UnboundedReceiver<u32>) {
+        let needed = Arc::new(Notify::new());
+        let handle = DomainHandle::join(DOMAIN + 1, true, Arc::clone(&needed)).unwrap();
+        let (sender, taken_over) = mpsc::unbounded_channel();
+        let (last, created) = watch::channel(0);
+        handle
+            .create(move |_| {
+                let sender = sender.clone();
+                let number = *last.borrow();
+                last.send_replace(number + 1);
+                let entity = NewEntity::new(move || sender.send(number).unwrap());
+                Ok(entity.once(move || meets(number)))
+            })
+            .unwrap();
+        let (mut rejoining, clock) = (JoinSet::new(), WallClock::new(SystemTime::now()));
+        spawn(&mut rejoining, handle.clone(), Arc::clone(&needed), clock);
+        (Domain { handle, rejoining }, needed, created, taken_over)
+    }
+
+    /// D13.
+    #[tokio::test(start_paused = true)]
+    async fn step_before_peers_are_met_joins_once_more() {
+        // After a second step, the participant with number 1 reads no announcements.
+        let (domain, needed, mut created, mut taken_over) = rejoining(|number| number != 1);
+        assert_eq!(taken_over.recv().await, Some(0));
+        needed.notify_one();
+        created.wait_for(|count| *count == 2).await.unwrap();
+        sleep(10 * MATCH_PERIOD).await;
+        needed.notify_one();
+        assert_eq!(taken_over.recv().await, Some(2));
+        domain.leave().await;
+    }
+
+    /// D13.
+    #[tokio::test(start_paused = true)]
+    async fn step_after_peers_are_met_joins_afterwards() {
+        let (domain, needed, mut created, mut taken_over) = rejoining(|_| true);
+        assert_eq!(taken_over.recv().await, Some(0));
+        needed.notify_one();
+        created.wait_for(|count| *count == 2).await.unwrap();
+        sleep(10 * MATCH_PERIOD).await;
+        needed.notify_one();
+        assert_eq!(taken_over.recv().await, Some(1));
+        assert_eq!(taken_over.recv().await, Some(2));
+        domain.leave().await;
+    }
+
+    /// A message of this many bytes that has a number.
+    fn number(number: u32, bytes: usize) -> Payload {
+        let mut body = number.to_be_bytes().to_vec();
+        body.resize(bytes, 0);
+        Payload { big_endian: true, body: body.into() }
     }
 
     /// D13.
     #[tokio::test]
     async fn what_is_sent_over_a_reliable_topic_while_either_side_rejoins_comes_once() {
-        let topic = format!("/numbers_of_{}", std::process::id());
+        each_comes_once_while_either_side_rejoins("numbers", 4).await;
+    }
+
+    /// D13.
+    #[tokio::test]
+    async fn fragmented_messages_come_once_while_rejoining() {
+        each_comes_once_while_either_side_rejoins("fragments", 10_000).await;
+    }
+
+    async fn each_comes_once_while_either_side_rejoins(name: &str, bytes: usize) {
+        let topic = format!("/{name}_of_{}", std::process::id());
         let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
         let (sender, mut received) = mpsc::unbounded_channel();
         let end = receiving.handle().subscribe(&topic, TYPE, RELIABLE, move |sample| {
@@ -179,14 +260,16 @@ mod tests {
         let domains = [receiving.handle(), sending.handle()];
         let rejoins = async move {
             for domain in &domains {
-                rejoin(domain).await.unwrap().leave(OVERLAP).await;
+                let joined = rejoin(domain, &Notify::new()).await.unwrap();
+                let Attempt::Joined(former) = joined else { panic!("nothing stepped") };
+                former.leave(OVERLAP).await;
             }
         };
         tokio::pin!(rejoins);
         let mut sent = 0;
         let mut is_rejoining = true;
         while is_rejoining {
-            assert!(publisher.publish(number(sent)), "the number {sent} is not sent");
+            assert!(publisher.publish(number(sent, bytes)), "the number {sent} is not sent");
             sent += 1;
             tokio::select! {
                 () = &mut rejoins => is_rejoining = false,
@@ -198,8 +281,8 @@ mod tests {
             payloads.push(payload.unwrap().body);
         }
         payloads.sort_unstable();
-        let expected: Vec<_> = (0..sent).map(|sent| number(sent).body).collect();
-        assert_eq!(payloads, expected);
+        let expected: Vec<_> = (0..sent).map(|sent| number(sent, bytes).body).collect();
+        assert!(payloads == expected, "{} of {sent} came", payloads.len());
         assert_eq!((end.matched(), publisher.matched()), (1, 1));
         sending.leave().await;
         receiving.leave().await;

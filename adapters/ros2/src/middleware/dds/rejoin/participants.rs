@@ -209,7 +209,7 @@ impl JoinedParticipant {
     }
 
     /// Leaves the domain with this participant.
-    async fn leave(self) {
+    pub(crate) async fn leave(self) {
         let Self {
             census, participant, publisher, subscriber, mut tasks, mut readers, open, ..
         } = self;
