@@ -84,13 +84,17 @@ impl Endpoint {
     }
 
     /// Returns `true` if it gets messages from each peer of the former end, which has got all
-    /// before.
+    /// before, and if it keeps up with the former end. Over DDS, a new subscription can stand still
+    /// for ten seconds after its first messages: `rustdds` assembles at most 128 fragmented
+    /// messages at a time, among them messages that a publisher sends again although they came.
     pub(super) fn follows(&self, former: &Self) -> bool {
         let formers = former.peers(|peers| peers.matched.clone());
         self.peers(|peers| {
             formers.iter().all(|(peer, former)| {
                 let next = peers.matched.get(peer).copied().flatten();
-                next.zip(*former).is_some_and(|(next, former)| next.first <= former.last + 1)
+                next.zip(*former).is_some_and(|(next, former)| {
+                    next.first <= former.last + 1 && next.last >= former.last
+                })
             })
         })
     }
@@ -269,6 +273,10 @@ mod tests {
         second.note(peer, 7);
         assert!(!second.follows(&first), "the first has yet to get 5");
         first.note(peer, 5);
+        assert!(second.follows(&first));
+        first.note(peer, 8);
+        assert!(!second.follows(&first), "the second stands still");
+        second.note(peer, 8);
         assert!(second.follows(&first));
         first.change([8; 16], 1, None);
         assert!(!second.follows(&first), "the other peer may have met the first alone");
