@@ -6,17 +6,21 @@ import time
 from bench import Skipped
 from faults import Stream, firewall
 from forwarding import PERIOD_S, check
-from graph import is_over_zenoh, until
+from graph import is_over_zenoh, quality, until
 from messages import (
     ERROR,
     OK,
     WARN,
+    CompressedImage,
     GetParametersRequest,
     GetParametersResponse,
+    Header,
     Parameter,
     ParameterValue,
+    PointStamped,
     SetParametersRequest,
     SetParametersResponse,
+    Time,
 )
 from node import parameters
 from roles import Camera, Listener, Model, ready
@@ -26,6 +30,11 @@ HOUR_S = 3600
 GAP_S = 1.0
 # Peers hear nothing of others for so long: longer than the node once waited until they have met it.
 DEAF_S = 8
+# A second step comes so soon after the second participant that no peer has announced itself.
+STEP_S = 0.3
+# The size of an input that is sent in fragments.
+FRAGMENTED = bytes(20_000)
+FRAGMENTED_DEPTH = 128
 STEPPED_BACK, JOINED_AGAIN = "the wall clock stepped back", "joined the domain again"
 RELIABLE = {topic: {"subscription": {"reliability": "reliable"}} for topic in ("/input", "/local/output", "/west/output")}
 
@@ -98,21 +107,42 @@ def own_discovery_ports():
     return {port for port in ports if port % 2 == 0 and 7400 <= port < 32768}
 
 
-def keeps_reliable_topics(bench, drops):
+class FragmentedCamera(Camera):
+    """A camera whose inputs are fragmented, and that keeps as many of them as D13 allows."""
+
+    def __init__(self):
+        super().__init__(kind=CompressedImage, qos=quality(depth=FRAGMENTED_DEPTH))
+
+    def ask(self, plan, stamp=None):
+        stamp = self.next_stamp() if stamp is None else stamp
+        at = time.monotonic()
+        self.output.publish(CompressedImage(Header(Time.at(stamp), plan), "", FRAGMENTED))
+        return stamp, at
+
+
+def keeps_reliable_topics(bench, drops, steps=1, camera_kind=Camera, kind=PointStamped, **settings):
     """A stream over reliable topics goes on while the clock steps back and packets to the peers' discovery are dropped."""
     if is_over_zenoh():
         raise Skipped("a session of Zenoh does not depend on the wall clock")
-    node = bench.node(parameters(window=1024, local={"deadline": 5.0, "in_flight": 1024}, qos_overrides=RELIABLE), wall_clock=True)
-    camera, listener, local = Camera(), Listener(), Model("local")
+    usual = {"window": 1024, "local": {"deadline": 5.0, "in_flight": 1024}, "qos_overrides": RELIABLE}
+    node = bench.node(parameters(**usual | settings), wall_clock=True)
+    camera, listener, local = camera_kind(), Listener(), Model("local", kind=kind)
     ready(camera, listener, local)
+    # Its process is not this one.
+    bench.model_process("other")
     stream = Stream(camera, "local=0.02")
-    until(lambda: len(stream.run) > 20, "some inputs")
+    until(lambda: len(stream.run) > FRAGMENTED_DEPTH, "some inputs")
     ports = ", ".join(map(str, own_discovery_ports()))
     rules = "".join(f"add rule inet late arrives udp dport {{ {ports} }} {drop}\n" for drop in drops)
     firewall(f"add table inet late\nadd chain inet late arrives {{ type filter hook input priority 0; }}\n{rules}")
-    node.wall_clock(-HOUR_S)
-    until(lambda: STEPPED_BACK in node.log(), "a step back that is noticed")
-    time.sleep(DEAF_S)
+    for step in range(1, steps + 1):
+        node.wall_clock(-step * HOUR_S)
+        until(lambda count=step: node.log().count(STEPPED_BACK) == count, "a step back that is noticed")
+        if step < steps:
+            # The second participant has heard the other process, and no longer hears this one.
+            until(lambda: node.participants() == 2, "a second participant")
+            time.sleep(STEP_S)
+    time.sleep(DEAF_S if drops else 0)
     firewall("delete table inet late")
     until(lambda: JOINED_AGAIN in node.log() and node.participants() == 1, "one participant again", cap=45)
     more = len(stream.run) + 50
@@ -122,6 +152,15 @@ def keeps_reliable_topics(bench, drops):
     assert node.ends() == 0
     assert all(len(listener.of(stamp)) == 1 for stamp, _ in stream.run), "two results for one input"
     print(f"{len(stream.run)} inputs")
+
+
+def second_step_while_rejoining_costs_nothing(bench):
+    keeps_reliable_topics(bench, ["drop"], steps=2)
+
+
+def fragmented_inputs_outlast_a_step_back(bench):
+    keeps_reliable_topics(bench, [], camera_kind=FragmentedCamera, kind=CompressedImage,
+                          input={"type": "sensor_msgs/msg/CompressedImage"})
 
 
 def late_announcement_costs_reliable_topics_nothing(bench):
