@@ -145,10 +145,10 @@ fn observed_request_has_due_or_deadline() {
     let never = format!(r#","at":7,"deadline":{}"#, u64::MAX);
     assert_eq!(read(&never, true), Ok(Some(due(7, u64::MAX))));
     for (rest, observed, error) in [
-        (r#","at":7,"deadline":5,"due":12"#, true, "key \"deadline\" has no place"),
+        (r#","at":7,"deadline":5,"due":12"#, true, "key \"deadline\" is not allowed"),
         (r#","at":7"#, true, "key \"due\" is missing"),
         (r#","deadline":5"#, true, "key \"at\" is missing"),
-        (r#","at":7,"deadline":5"#, false, "key \"deadline\" has no place"),
+        (r#","at":7,"deadline":5"#, false, "key \"deadline\" is not allowed"),
     ] {
         let reported = read(rest, observed).expect_err(rest);
         assert!(reported.contains(error), "{reported}");
