@@ -239,7 +239,7 @@ def test_refuses_policy_without_probes_or_linger() -> None:
     capped = (Constant(0.5).cap(expected), expected.cap(Constant(0.5)), Constant(0.5).cap(own))
     for policy in (expected, streaming, own, *capped):
         operator: Operator[Any, Any] = Operator(local_after(0))
-        with pytest.raises(fuseline.ConfigError, match=r"policy of west does not probe.*linger"):
+        with pytest.raises(fuseline.ConfigError, match=r"policy of west neither probes.*linger"):
             operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)
         operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy, linger=1.0)
         operator.use_cloud(after(0), ask(1.0), str, 2, name="east", policy=probing)
