@@ -215,9 +215,7 @@ class Always:
                 repeated. If a policy on board loads slowly, call it once before the first tick.
         """
         if threading.get_ident() in self._inside:
-            raise RuntimeError(
-                "infer was called in the policy on board, or in on_failure"
-            )
+            raise RuntimeError("infer was called in the policy on board, or in on_failure")
         with self._turn:
             if self._is_closed:
                 raise ConfigError("the policy was closed and does not run; make another")
