@@ -56,3 +56,11 @@ fn chapters_quote_their_sources() {
         assert!(blocks.any(is_quote), "{chapter}: no block quotes {source} from {first_line}");
     }
 }
+
+#[test]
+fn first_change_names_a_comment_of_the_core() {
+    let step = of_book("built/contributing.md").replace("\n   ", " ");
+    let comment = step.split_once("Find the comment *").expect("a comment").1;
+    let comment = comment.split_once('*').expect("its end").0;
+    assert!(of_book("../../../core/src/slot.rs").contains(&format!("// {comment}")), "{comment}");
+}
