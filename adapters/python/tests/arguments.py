@@ -242,7 +242,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
                 (UndecidedPolicy(), ConfigError, "needs both methods, decide and ended"),
                 (7, ConfigError, "a policy must be a function, not 7"),
                 (echo, ConfigError, "a policy must be a plain function, not an async def"),
-                (Expected(lambda *_: 0.0, 0.1, None), ConfigError, "the policy of cloud-1 does"),
+                (Expected(lambda *_: 0.0, 0.1, None), ConfigError, "the policy of cloud-1 neither"),
             ],
             "linger": DURATION,
             "max_age": count("a max_age", 0),

@@ -345,7 +345,7 @@ def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptur
     async def main() -> None:
         async with operator:
             operator.write(0)
-            with pytest.raises(RuntimeError, match="feed in another thread"):
+            with pytest.raises(RuntimeError, match="feed was called in another thread"):
                 await asyncio.to_thread(operator.feed, [1])
 
     asyncio.run(main())

@@ -193,7 +193,7 @@ def headline(page: PageReader, own: list[Row]) -> None:
         assert len(said) == 1
         return
     ((warning, _),) = said[1:]
-    assert f"{len(judges)} builds of the judge in {len(manners)} manners" in warning
+    assert f"{len(judges)} builds of the judge in {len(manners)} ways" in warning
 
 
 def tiles(page: PageReader, own: list[Row]) -> None:

@@ -126,7 +126,7 @@ def test_a_guard_under_progressive_is_refused_with_the_remedy(run: Run[Any]) -> 
         for policy in (Guard(), MyGuard(), Guard().cap(expected)):
             operator: Operator[Any, Any] = Operator(local_after(0), commit="progressive")
             operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)
-            with pytest.raises(fuseline.ConfigError, match="the policy of west promises"):
+            with pytest.raises(fuseline.ConfigError, match="the policy of west assumes"):
                 await operator.start()
         async with Operator[Any, Any](local_after(0), commit="progressive") as operator:
             operator.close()
