@@ -53,7 +53,8 @@ HARMS = {
     # Resets themselves must come through.
     "reset": (*packets("tcp flags & rst != rst reject with tcp reset"), True),
     "black hole": (*packets("drop"), True),
-    "loss": (*packets("numgen random mod 100 < 20 drop"), None),
+    # TCP makes up for fewer losses within the deadline.
+    "loss": (*packets("numgen random mod 100 < 40 drop"), None),
     "slow": (*packets("limit rate over 125 kbytes/second drop"), None),
     "latency": (*plan("local=0.02 west=1.9"), True),
     "step": (*plan("local=0.02 west=0.15"), False),
