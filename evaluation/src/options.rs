@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::ScenarioError;
 use crate::approach::Vehicle;
 use crate::duration::{SHORTEST, duration, seconds};
-use crate::plot::{Folder, FolderError, PageContent, Plot, show};
+use crate::plot::{Folder, FolderError, PageContent, Plot, page_of, show};
 
 /// The heading of a scenario's page, its caption, and the limits of the model.
 pub(crate) type PageHead = [&'static str; 3];
@@ -43,7 +43,7 @@ impl OutputOptions {
     }
 
     /// Writes the page if its folder is wanted. Prints the result as one JSON object or as text, in
-    /// colour on a terminal. Only the page needs `plots`.
+    /// colour on a terminal, with the page's path. Only the page needs `plots`.
     ///
     /// # Errors
     /// Returns an error if the folder or standard output cannot be written.
@@ -59,14 +59,24 @@ impl OutputOptions {
             let content = PageContent { title, words: &words, plots: plots(), reported: text };
             show(&folder, &content)?;
         }
+        let page = self.output.as_deref().map(page_of);
         let written = if self.json {
-            let written = serde_json::to_writer(&mut out, result).map_err(io::Error::from);
-            written.and_then(|()| writeln!(out))
+            let written = serde_json::to_writer(&mut out, &WithPage { result, page });
+            written.map_err(io::Error::from).and_then(|()| writeln!(out))
         } else {
-            out.write_all(text.as_bytes())
+            let page = page.map(|page| format!("\n{page}: the page\n")).unwrap_or_default();
+            write!(out, "{text}{page}")
         };
         written.map_err(ScenarioError::Output)
     }
+}
+
+/// A result, and the page that shows it.
+#[derive(Serialize)]
+struct WithPage<'a, R> {
+    #[serde(flatten)]
+    result: &'a R,
+    page: Option<String>,
 }
 
 /// The vehicle; figures marked † are model choices, not the paper's.

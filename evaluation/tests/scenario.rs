@@ -233,10 +233,12 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
         (&[&JAM[..], &["--speed", "22", "--rate", "2"]].concat(), &["table", "deadlines"]),
     ] {
         let [one, two] = ["one", "two"].map(|time| at(&format!("{time}-{}", args[0])));
-        scenario(&[args, &["-o", &one]].concat());
+        let text = scenario(&[args, &["-o", &one]].concat());
+        assert!(text.ends_with(&format!("\n{one}/index.html: the page\n")), "{text}");
         // Only one scenario is drawn twice, because drawing takes long.
         if args == red {
-            scenario(&[args, &["-o", &two]].concat());
+            let printed = json(&[args, &["-o", &two]].concat());
+            assert_eq!(printed["page"], format!("{two}/index.html"));
         }
         let page = fs::read_to_string(Path::new(&one).join("index.html")).unwrap();
         // Each plot stands on the page on both grounds.

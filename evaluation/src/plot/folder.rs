@@ -100,6 +100,15 @@ pub struct PageContent<'a> {
     pub reported: &'a str,
 }
 
+/// The name of the page.
+const PAGE: &str = "index.html";
+
+/// Returns the path of the page that [`show`] writes to the folder at `path`.
+#[must_use]
+pub fn page_of(path: &Path) -> String {
+    path.join(PAGE).display().to_string()
+}
+
 /// Writes the plots, as SVG and PNG on both grounds, and `index.html`.
 ///
 /// # Errors
@@ -118,5 +127,5 @@ pub fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), FolderError>
     }
     let table = &strip_str(reported).to_string();
     let page = PlotPage { title, words, figures: &figures, table };
-    folder.put("index.html", page.html().as_bytes())
+    folder.put(PAGE, page.html().as_bytes())
 }

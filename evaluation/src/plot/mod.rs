@@ -14,7 +14,7 @@ pub use chart::{
 };
 pub use cut::inside;
 use cut::pieces;
-pub use folder::{Folder, FolderError, PageContent, show};
+pub use folder::{Folder, FolderError, PageContent, page_of, show};
 use page::PlotPage;
 pub use sheet::Sheet;
 pub use theme::{DARK, LIGHT, Theme};
