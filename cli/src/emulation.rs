@@ -10,6 +10,7 @@ use fuseline_tokio::grpc::tonic::Status;
 use fuseline_tokio::grpc::{Description, Infer, Reply, Request};
 use tokio::time::{Instant, sleep};
 
+use crate::duration::ms;
 use crate::fault::Fault;
 use fuseline_evaluation::models::{Model, REPLY_BYTES};
 
@@ -135,7 +136,7 @@ impl Infer for Answering {
         let Emulation { model, drive, .. } = &self.emulation;
         Some(Description {
             model: model.to_string(),
-            runtime_ms: Some(model.runtime.as_secs_f64() * 1000.0),
+            runtime_ms: Some(ms(model.runtime)),
             ap: model.ap,
             drive: drive.name().to_owned(),
             emulated: true,

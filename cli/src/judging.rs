@@ -8,12 +8,12 @@ pub(crate) use self::beside::judge_lines;
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_report::{JudgeMode, TraceJudge, TraceRange};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError, Verdict, nanos};
 use thiserror::Error;
 
+use crate::duration::{ANY, duration};
 use crate::fault::Fault;
 use crate::judging_notes::JudgingNotes;
 use crate::part::PartOptions;

@@ -10,6 +10,7 @@ mod decide;
 mod diagnostics;
 #[cfg(unix)]
 mod drive;
+mod duration;
 mod emulation;
 mod exit;
 mod export;
@@ -26,6 +27,7 @@ mod link;
 mod output;
 mod pages;
 mod part;
+mod percentile;
 mod probe;
 mod progress;
 mod replay;
@@ -49,8 +51,6 @@ use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt::layer;
 use tracing_subscriber::prelude::*;
-
-use fuseline_evaluation::duration;
 
 use crate::diagnostics::print_line;
 use crate::exit::Exit;

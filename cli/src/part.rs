@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
 use fuseline_traces::Event;
@@ -10,6 +9,7 @@ use fuseline_traces::nanos;
 use humantime::format_duration;
 use thiserror::Error;
 
+use crate::duration::{ANY, duration};
 use crate::fault::Fault;
 
 /// Selects messages of a trace. All of the trace is read.

@@ -12,6 +12,16 @@ use crate::diagnostics::print_line;
 /// Files shorter than this, in bytes, are read before anyone could see a bar.
 const LONG: u64 = 16 << 20;
 
+/// Makes a bar of this length, if that is known. It is hidden if standard error is no terminal.
+pub(crate) fn styled(len: Option<u64>, template: &str) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template(template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    len.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
+}
+
 /// Makes a bar of what is read of the file at `path`, called `name`, among others; hidden if nobody
 /// would see it.
 pub(crate) fn bar(bars: &MultiProgress, path: &Path, name: &str) -> ProgressBar {
@@ -19,9 +29,8 @@ pub(crate) fn bar(bars: &MultiProgress, path: &Path, name: &str) -> ProgressBar 
     if len < LONG || !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let style = ProgressStyle::with_template("{prefix:.dim} {wide_bar} {percent:>3} % {eta:>4}");
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    bars.add(ProgressBar::new(len).with_style(style).with_prefix(name.to_owned()))
+    let bar = styled(Some(len), "{prefix:.dim} {wide_bar} {percent:>3} % {eta:>4}");
+    bars.add(bar.with_prefix(name.to_owned()))
 }
 
 /// Shows progress for a file that is read alone, around its reader. The bar goes away with the
@@ -39,12 +48,9 @@ impl ProgressLine {
     /// Begins it for a command that takes this long, if that is known.
     pub(crate) fn new(span: Option<Duration>) -> Self {
         Self(io::stderr().is_terminal().then(|| {
-            let total = span.map(millis);
             // The words on a line of their own, which is cut at the terminal's edge.
-            let bar = if total.is_some() { "{bar:24.cyan/dim} {prefix}" } else { "{prefix}" };
-            let style = ProgressStyle::with_template(&format!("{bar}\n{{wide_msg}}"));
-            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-            total.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
+            let bar = if span.is_some() { "{bar:24.cyan/dim} {prefix}" } else { "{prefix}" };
+            styled(span.map(millis), &format!("{bar}\n{{wide_msg}}"))
         }))
     }
 

@@ -13,13 +13,13 @@ use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
+use crate::duration::{ANY, duration};
 use crate::emulation::{Emulation, answer};
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::files::{self, FileError};
 use crate::forward::{RecordedNetwork, forward};
 use crate::interrupt::Interrupt;
-use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::Model;
 
 #[derive(clap::Args)]

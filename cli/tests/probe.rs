@@ -280,12 +280,20 @@ fn plots_a_recording_again_and_refuses_a_wrong_one() {
     assert_eq!(bands(&svg[0]).len(), 1);
 
     fs::remove_dir_all(&plots).unwrap();
+    let of_two = "second,a_rtt_ms,b_rtt_ms\n0,1,7\n1,-1,8\n";
+    fs::write(dir.path().join("two.csv"), of_two).unwrap();
+    assert_eq!(plot("two.csv:b").status.code(), Some(0));
+    let svg = plotted(&plots, &["round-trips"]);
+    assert!(svg[0].contains("2 answers, 0 failed or unanswered, 0 pauses; p50 7.0 ms"));
+
+    fs::remove_dir_all(&plots).unwrap();
     for (wrong, expected) in [
-        ("sent_ms,rtt_ms\n0,1\n0,1\n", "wrong.csv:3: sent_ms is 0; it must be milliseconds, "),
-        ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is -2; it must be milliseconds from 0 "),
-        ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is NaN; "),
-        ("second\n0\n", "wrong.csv:2: missing field `sent_ms`; "),
-        (&"x".repeat(1 << 20), "wrong.csv:1: a line of more than 64 KiB; "),
+        ("sent_ms,rtt_ms\n0,1\n0,1\n", "wrong.csv:3: sent_ms is \"0\"; it must be a number "),
+        ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is \"-2\"; it must be milliseconds "),
+        ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is \"NaN\"; "),
+        (of_two, "wrong.csv:1: the file has several networks; name one of them: wrong.csv:a "),
+        ("second\n0\n", "wrong.csv:1: no column \"rtt_ms\"; "),
+        (&"x".repeat(1 << 20), "wrong.csv:1: no time column; "),
     ] {
         fs::write(dir.path().join("wrong.csv"), wrong).unwrap();
         let refused = plot("wrong.csv");
@@ -349,6 +357,7 @@ fn ctrl_c_ends_a_probe_with_its_summary_and_a_whole_recording() {
     let svg = plotted(&dir.path().join("plots"), &["round-trips", "distribution"]);
     assert!(svg[0].contains(&format!("{} answers, ", summary["answered"])));
     assert_eq!(summary["plots"][0], "round-trips.svg");
+    assert_eq!(summary["page"], "plots/index.html");
 }
 
 #[test]

@@ -69,6 +69,21 @@ struct Sample {
     rates: [u64; 2],
 }
 
+/// A row of a recording.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct DriveRow {
+    /// The instant of sending, in seconds, as the recording counts it.
+    pub sent: f64,
+    /// The time since the first row.
+    pub at: Duration,
+    /// The round trip, or `None` while the network was unavailable.
+    pub round_trip: Option<Duration>,
+    /// The rates up and down in bits per second; 0 if they are not recorded.
+    pub rates: [u64; 2],
+    /// The number of requests that were unanswered then, if it is recorded.
+    pub queued: Option<u64>,
+}
+
 /// The reason why a drive cannot be used. Its message names the place.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are what the words say")]
@@ -117,10 +132,7 @@ impl Drive {
     /// # Errors
     /// Returns the first [`DriveError`] that holds.
     pub fn load(name: &str) -> Result<Self, DriveError> {
-        let (file, network) = match name.rsplit_once(':') {
-            Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
-            Some(_) | None => (name, None),
-        };
+        let (file, network) = split(name);
         if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == file) {
             return Self::read(file, network, text.as_bytes());
         }
@@ -137,75 +149,25 @@ impl Drive {
         Self { name, samples: vec![sample], length, has_rate: [false; 2] }
     }
 
-    /// Reads a recording from CSV. `file` names it in errors.
-    ///
-    /// The first line names the columns: a time column, `sent_ms` or `second`, and `rtt_ms`, or
-    /// several `<network>_rtt_ms` from which `network` selects one. A round trip of −1 means that
-    /// the network was unavailable. `uplink_mbps` and `downlink_mbps`, with the same prefix, are
-    /// the rates of the link in Mbit/s. Other columns are ignored.
+    /// Reads a recording from CSV, at most 64 MiB, as [`each_row`] describes it. `file` names it in
+    /// errors.
     ///
     /// # Errors
     /// Returns the first [`DriveError`] that holds.
     pub fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
-        let owned = || file.to_owned();
-        let fault = |source| csv_error(file, source);
-        let text = SizeLimit { text, remaining: FILE_BYTES };
-        let mut rows = TableReader::new(text, &csv::ReaderBuilder::new());
-        let columns = rows.names().map_err(fault)?;
-        let (time, unit) = columns
-            .iter()
-            .position(|column| column == "sent_ms")
-            .map(|i| (i, 0.001))
-            .or_else(|| columns.iter().position(|column| column == "second").map(|i| (i, 1.0)))
-            .ok_or_else(|| DriveError::NoTime { name: owned() })?;
-        let round_trip = find_network(file, network, &columns)?;
-        let rates = find_rates(&columns[round_trip], &columns);
-
         let mut samples: Vec<Sample> = Vec::new();
-        let (mut first, mut last_line) = (None, 1);
-        while let Some((line, row)) = rows.next_row().map_err(fault)? {
-            let field = |i: usize| row.get(i).unwrap_or_default();
-            let seconds = field(time).parse().ok().map(|time: f64| time * unit);
-            let start = *first.get_or_insert(seconds.unwrap_or_default());
-            let at = seconds
-                .and_then(|seconds| Duration::try_from_secs_f64(seconds - start).ok())
-                .filter(|at| *at <= LONGEST && samples.last().is_none_or(|last| *at > last.at))
-                .ok_or_else(|| DriveError::Time {
-                    name: owned(),
-                    line,
-                    column: columns[time].escape_debug().to_string(),
-                    found: field(time).to_owned(),
-                })?;
-            let round_trip =
-                parse_round_trip(field(round_trip)).map_err(|NotMillis| DriveError::RoundTrip {
-                    name: owned(),
-                    line,
-                    column: columns[round_trip].escape_debug().to_string(),
-                    found: field(round_trip).to_owned(),
-                })?;
-            let bits = |rate: Option<usize>| {
-                rate.map_or(Some(0), |i| parse_rate(field(i))).ok_or_else(|| {
-                    let column = rate.map_or("", |i| &columns[i]).escape_debug().to_string();
-                    let found = rate.map_or("", field).to_owned();
-                    DriveError::Rate { name: owned(), line, column, found }
-                })
-            };
-            samples.push(Sample { at, round_trip, rates: [bits(rates[0])?, bits(rates[1])?] });
-            last_line = line;
-        }
-        for (way, rate) in rates.iter().enumerate() {
-            if let Some(i) = rate.filter(|_| samples.iter().all(|sample| sample.rates[way] == 0)) {
-                let (column, found) = (columns[i].escape_debug().to_string(), "0".to_owned());
-                return Err(DriveError::Rate { name: owned(), line: last_line, column, found });
-            }
-        }
+        let text = SizeLimit { text, remaining: FILE_BYTES };
+        let has_rate = each_row(file, network, text, |row| {
+            let DriveRow { at, round_trip, rates, .. } = row;
+            samples.push(Sample { at, round_trip, rates });
+        })?;
         let [.., before, last] = samples[..] else {
-            return Err(DriveError::TooShort { name: owned() });
+            return Err(DriveError::TooShort { name: file.to_owned() });
         };
         // The last sample lasts as long as the one before it.
         let length = last.at + last.at.abs_diff(before.at);
-        let name = network.map_or_else(owned, |network| format!("{file}:{network}"));
-        Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
+        let name = network.map_or_else(|| file.to_owned(), |network| format!("{file}:{network}"));
+        Ok(Self { name, samples, length, has_rate })
     }
 
     /// Returns the samples: the moment from which on each holds, and its round trip, or `None`
@@ -280,9 +242,92 @@ impl Drive {
     }
 }
 
+/// Reads a recording from CSV and hands out each row in order, so that memory does not grow with
+/// them. `file` names it in errors. Returns `true` for each rate, up and down, that is recorded.
+///
+/// The first line names the columns: a time column, `sent_ms` or `second`, and `rtt_ms`, or several
+/// `<network>_rtt_ms` from which `network` selects one. A round trip of −1 means that the network
+/// was unavailable. `uplink_mbps` and `downlink_mbps`, with the same prefix, are the rates of the
+/// link in Mbit/s. `queued` is the number of unanswered requests. Other columns are ignored.
+///
+/// # Errors
+/// Returns the first [`DriveError`] that holds.
+pub fn each_row(
+    file: &str,
+    network: Option<&str>,
+    text: impl Read,
+    mut look: impl FnMut(DriveRow),
+) -> Result<[bool; 2], DriveError> {
+    let owned = || file.to_owned();
+    let fault = |source| csv_error(file, source);
+    let mut rows = TableReader::new(text, &csv::ReaderBuilder::new());
+    let columns = rows.names().map_err(fault)?;
+    let (time, unit) = columns
+        .iter()
+        .position(|column| column == "sent_ms")
+        .map(|i| (i, 0.001))
+        .or_else(|| columns.iter().position(|column| column == "second").map(|i| (i, 1.0)))
+        .ok_or_else(|| DriveError::NoTime { name: owned() })?;
+    let round_trip = find_network(file, network, &columns)?;
+    let rates = find_rates(&columns[round_trip], &columns);
+    let queued = columns.iter().position(|column| column == "queued");
+    let named = |i: usize| columns[i].escape_debug().to_string();
+    let (mut first, mut before, mut last_line) = (None, None, 1);
+    let mut has_flowed = [false; 2];
+    while let Some((line, row)) = rows.next_row().map_err(fault)? {
+        let field = |i: usize| row.get(i).unwrap_or_default();
+        let sent = field(time).parse().ok().map(|time: f64| time * unit);
+        let start = *first.get_or_insert(sent.unwrap_or_default());
+        let (sent, at) = sent
+            .and_then(|sent| Some((sent, Duration::try_from_secs_f64(sent - start).ok()?)))
+            .filter(|(_, at)| *at <= LONGEST && before.is_none_or(|before| *at > before))
+            .ok_or_else(|| DriveError::Time {
+                name: owned(),
+                line,
+                column: named(time),
+                found: field(time).to_owned(),
+            })?;
+        let round_trip =
+            parse_round_trip(field(round_trip)).map_err(|NotMillis| DriveError::RoundTrip {
+                name: owned(),
+                line,
+                column: named(round_trip),
+                found: field(round_trip).to_owned(),
+            })?;
+        let bits = |rate: Option<usize>| {
+            rate.map_or(Some(0), |i| parse_rate(field(i))).ok_or_else(|| {
+                let (column, found) =
+                    (rate.map_or_else(String::new, named), rate.map_or("", field));
+                DriveError::Rate { name: owned(), line, column, found: found.to_owned() }
+            })
+        };
+        let rates = [bits(rates[0])?, bits(rates[1])?];
+        has_flowed = [0, 1].map(|way| has_flowed[way] || rates[way] > 0);
+        let queued = queued.and_then(|i| field(i).parse().ok());
+        look(DriveRow { sent, at, round_trip, rates, queued });
+        (before, last_line) = (Some(at), line);
+    }
+    for (rate, has_flowed) in rates.iter().zip(has_flowed) {
+        if let Some(i) = rate.filter(|_| !has_flowed) {
+            let (column, found) = (named(i), "0".to_owned());
+            return Err(DriveError::Rate { name: owned(), line: last_line, column, found });
+        }
+    }
+    Ok(rates.map(|rate| rate.is_some()))
+}
+
 /// Returns the names of the built-in drives.
 pub fn built_in() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+/// Splits the name of a drive into its file and its network, if it names one.
+#[must_use]
+pub fn split(name: &str) -> (&str, Option<&str>) {
+    match name.rsplit_once(':') {
+        Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
+        Some(_) | None => (name, None),
+    }
 }
 
 fn names() -> String {

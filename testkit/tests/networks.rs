@@ -3,7 +3,7 @@
 use std::time::Duration;
 use std::{fs, io};
 
-use fuseline_testkit::networks::{Drive, DriveError, built_in};
+use fuseline_testkit::networks::{Drive, DriveError, built_in, each_row};
 
 const GAP: &str = "second,rtt_ms\n10,100\n11,-1\n12,-1\n13,50\n14,-1\n";
 
@@ -126,4 +126,20 @@ fn default_drives_lose_networks_apart_and_together() {
     assert_eq!(at(13_000), (true, false));
     assert_eq!(at(18_000), (true, true));
     assert_eq!(at(24_000), (false, true));
+}
+
+#[test]
+fn rows_have_their_own_times_and_queues() {
+    let text = "sent_ms,rtt_ms,queued\n500,2,30\n550,-1,31\n600,3,\n";
+    let mut rows = Vec::new();
+    let has_rate = each_row("d.csv", None, text.as_bytes(), |row| rows.push(row)).unwrap();
+    assert_eq!(has_rate, [false; 2]);
+    let rows: Vec<_> =
+        rows.iter().map(|row| (row.sent, row.at, row.round_trip, row.queued)).collect();
+    let expected = [
+        (0.5, ms(0), Some(ms(2)), Some(30)),
+        (0.55, ms(50), None, Some(31)),
+        (0.6, ms(100), Some(ms(3)), None),
+    ];
+    assert_eq!(rows, expected);
 }

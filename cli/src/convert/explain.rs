@@ -9,7 +9,8 @@ use crate::convert::Args;
 use crate::convert::entry::{Entry, Sources};
 use crate::convert::log::{OrderOptions, Run};
 use crate::convert::reading::Understood;
-use crate::convert::time::{Id, shown};
+use crate::convert::time::Id;
+use crate::duration::in_words;
 use crate::exit::Exit;
 use crate::fault::Fault;
 
@@ -58,7 +59,7 @@ pub(super) fn explain(
         screen.line(&sources.name(*p), &source.describe(*p));
     }
     if facts.step > 1 {
-        screen.line("clock", &format!("all stamps are multiples of {}", shown(facts.step)));
+        screen.line("clock", &format!("all stamps are multiples of {}", in_words(facts.step)));
     }
     notes.lines().iter().for_each(|note| screen.line("note", note));
     if !entries.is_empty() {
@@ -101,12 +102,12 @@ fn times(run: &Run) -> String {
             .to_owned();
     };
     let (from, to) = (first.place.within(), last.place.within());
-    let text = format!("{} from {from} to {to}", shown(last.at - first.at));
+    let text = format!("{} from {from} to {to}", in_words(last.at - first.at));
     let next = run.of("open").skip(1);
     let gaps = run.of("open").zip(next).map(|(open, next)| (next.at - open.at, next));
     let Some((longest, next)) = gaps.max_by_key(|(gap, _)| *gap) else { return text };
-    let (count, period) = (run.of("open").count(), shown(median(&run.periods()).unwrap_or(0)));
-    let (longest, place) = (shown(longest), next.place.within());
+    let (count, period) = (run.of("open").count(), in_words(median(&run.periods()).unwrap_or(0)));
+    let (longest, place) = (in_words(longest), next.place.within());
     format!(
         "{text}; {count} messages, one every {period}, the longest gap {longest} before {place}"
     )
@@ -208,12 +209,12 @@ impl Facts {
         let needed = if early < 0 { (1 - early) / 2 } else { 0 };
         let step = self.step.min(100 * MS);
         if needed > step.max(MS) {
-            let by = shown(-early);
+            let by = in_words(-early);
             let why = format!("an output is stamped up to {by} before its result");
             return (up_to(needed, 10), why);
         }
         if step > MS {
-            return (step, format!("all stamps are multiples of {}", shown(step)));
+            return (step, format!("all stamps are multiples of {}", in_words(step)));
         }
         let shortest = self.shortest_deadline().unwrap_or(i128::MAX);
         let least = MS.min((shortest / 20).max(1_000)).max(step);
@@ -251,14 +252,14 @@ impl Facts {
             if is_split { (" --split", "trace-*.jsonl") } else { ("", "trace.jsonl") };
         screen.line("convert", &format!("fuseline {given}{header}{split} -o trace.jsonl"));
         let ((tolerance, why), (lateness, because)) = (self.tolerance(), self.lateness());
-        let option = |nanos: i128| shown(nanos).replace(' ', "");
+        let option = |nanos: i128| in_words(nanos).replace(' ', "");
         let options = format!("--tolerance {} --lateness {}", option(tolerance), option(lateness));
         screen.line("judge", &format!("fuseline check --observed {options} {traces}"));
-        screen.line("", &format!("tolerance {}: {why}", shown(tolerance)));
-        screen.line("", &format!("lateness {}: {because}", shown(lateness)));
+        screen.line("", &format!("tolerance {}: {why}", in_words(tolerance)));
+        screen.line("", &format!("lateness {}: {because}", in_words(lateness)));
         let unnoticed = lateness + 2 * tolerance;
         if let Some(shortest) = self.shortest_deadline().filter(|it| *it <= unnoticed) {
-            let (shortest, unnoticed) = (shown(shortest), shown(unnoticed));
+            let (shortest, unnoticed) = (in_words(shortest), in_words(unnoticed));
             let warning = format!(
                 "warning: {file}: the shortest deadline is {shortest}, and a result that is late \
                  by up to {unnoticed} passes unnoticed"
@@ -268,7 +269,7 @@ impl Facts {
         if let Some(period) = self.period.map(|period| up_to(period, 100)) {
             let adds =
                 format!("--period {} also checks that messages come in time", option(period));
-            let end = Some(shown(self.end)).filter(|_| self.end > period + unnoticed);
+            let end = Some(in_words(self.end)).filter(|_| self.end > period + unnoticed);
             let but =
                 end.map(|end| format!(", but counts the {end} after the last message as a gap"));
             screen.line("", &(adds + but.as_deref().unwrap_or_default()));
@@ -302,7 +303,7 @@ fn median(times: &[i128]) -> Option<i128> {
 
 /// Returns the shortest and the longest.
 fn range(times: &[i128]) -> Option<String> {
-    let (least, most) = (shown(*times.iter().min()?), shown(*times.iter().max()?));
+    let (least, most) = (in_words(*times.iter().min()?), in_words(*times.iter().max()?));
     Some(if least == most { least } else { format!("{least} to {most}") })
 }
 

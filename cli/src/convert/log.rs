@@ -7,7 +7,8 @@ use crate::convert::entry::{Entry, Sources};
 use crate::convert::notes::Notes;
 use crate::convert::restart::{Restart, restarts};
 use crate::convert::row::{Place, Problem};
-use crate::convert::time::{Id, shown};
+use crate::convert::time::Id;
+use crate::duration::in_words;
 
 /// Decisions that only a strict trace has; there the order of lines has a meaning.
 const STRICT: [&str; 7] = ["offer", "timer", "refuse", "hold", "drop", "final", "cancel"];
@@ -248,7 +249,7 @@ impl Log {
         }
         let shift = -first.at;
         for entry in self.entries.iter().filter(|entry| entry.at < 0) {
-            notes.add(NEGATIVE, &entry.place, || format!("by {}", shown(shift)));
+            notes.add(NEGATIVE, &entry.place, || format!("by {}", in_words(shift)));
         }
         shift
     }
@@ -261,7 +262,7 @@ fn note_disorder(entries: &[Entry], notes: &mut Notes) {
         match latest {
             Some(later) if entry.at < later.at => {
                 let by =
-                    || format!("{} before {}", shown(later.at - entry.at), later.place.within());
+                    || format!("{} before {}", in_words(later.at - entry.at), later.place.within());
                 notes.add(DISORDER, &entry.place, by);
             }
             _ => latest = Some(entry),
@@ -332,8 +333,8 @@ impl Run {
             let detail = format!(
                 "the shortest deadline is {}, but the log lasts only {}; is the unit right (--unit \
                  deadline=ms)?",
-                shown(had),
-                shown(span)
+                in_words(had),
+                in_words(span)
             );
             notes.add_of_file("no deadline ends within the log", &shortest.place.file, detail);
         }
@@ -370,7 +371,7 @@ impl Run {
             let halves = (apart.abs() + MINUTE) / (30 * MINUTE);
             if halves > 0 && apart.abs() - halves * 30 * MINUTE <= MINUTE {
                 let side = if apart < 0 { "before" } else { "after" };
-                let detail = || format!("{} {} {side} it", entry.ev, shown(apart.abs()));
+                let detail = || format!("{} {} {side} it", entry.ev, in_words(apart.abs()));
                 let remedy = || "is one of them in local time and the other in UTC?";
                 notes.add_with(ZONES, &entry.place, detail, remedy);
             }
@@ -378,7 +379,7 @@ impl Run {
             let early = request.filter(|_| entry.ev == "result").map_or(0, |at| at - entry.at);
             if early > CLOCK_STEP {
                 let remedy = || "are both instants, and of the same clock?";
-                notes.add_with(EARLY, &entry.place, || format!("by {}", shown(early)), remedy);
+                notes.add_with(EARLY, &entry.place, || format!("by {}", in_words(early)), remedy);
             }
         }
     }
@@ -389,7 +390,7 @@ impl Run {
             let gap = pair[1].at - pair[0].at;
             if gap > DAY {
                 notes.add(GAPS, &pair[1].place, || {
-                    format!("{} after {}", shown(gap), pair[0].place.within())
+                    format!("{} after {}", in_words(gap), pair[0].place.within())
                 });
             }
         }
@@ -397,7 +398,7 @@ impl Run {
         let period = periods.get(periods.len() / 2).filter(|_| periods.len() + 1 >= FEW);
         let Some(period) = period else { return };
         if !PERIODS.contains(period) {
-            let detail = format!("messages come every {}; is --unit right?", shown(*period));
+            let detail = format!("messages come every {}; is --unit right?", in_words(*period));
             notes.add_of_file("doubtful instants", &self.entries[0].place.file, detail);
         }
     }

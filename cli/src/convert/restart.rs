@@ -7,7 +7,8 @@ use crate::convert::entry::Entry;
 use crate::convert::log::{BACKWARDS, Log, LogKind, TWICE};
 use crate::convert::notes::Notes;
 use crate::convert::row::Place;
-use crate::convert::time::{Id, shown};
+use crate::convert::time::Id;
+use crate::duration::in_words;
 
 /// Instants of one clock may be stamped out of their order by so much.
 const SLACK: i128 = 1_000_000;
@@ -147,7 +148,7 @@ impl<'o> RunSoFar<'o> {
                 "the log restarts here: message {} opens {} before message {} ({}), which comes \
                  first in the log",
                 opening.id,
-                shown(latest.at - opening.at),
+                in_words(latest.at - opening.at),
                 latest.id,
                 latest.place.within()
             )

@@ -10,7 +10,8 @@ use crate::convert::notes::listed;
 use crate::convert::otlp::{SpanId, SpanRecord};
 use crate::convert::role::{SpanOptions, SpanRole, has_status_code};
 use crate::convert::row::Problem;
-use crate::convert::time::{duration, shown};
+use crate::convert::time::duration;
+use crate::duration::in_words;
 
 /// At most this many parents, or links of attempts, are followed.
 const DEPTH: usize = 64;
@@ -84,7 +85,7 @@ impl SpanReader<'_, '_> {
             let all = [message.span].into_iter().chain(message.calls.iter().map(|it| it.span));
             if let Some(wrong) = all.clone().find(|span| span.end != 0 && span.end < span.start) {
                 let early = i128::from(wrong.start - wrong.end);
-                let detail = || format!("by {}", shown(early));
+                let detail = || format!("by {}", in_words(early));
                 self.mapping.notes.add(BACKWARDS, &wrong.row.place, detail);
                 continue;
             }

@@ -206,24 +206,6 @@ fn time_of_day(text: &str) -> Option<Time> {
     Some(Time { nanos, is_rounded, has_comma: false, lacks_zone })
 }
 
-/// Returns a time in words, such as `1.5 ms`.
-pub(super) fn shown(nanos: i128) -> String {
-    let sign = if nanos < 0 { "-" } else { "" };
-    let size = nanos.unsigned_abs();
-    let (unit, name) = match size {
-        0..1_000 => (1, "ns"),
-        1_000..1_000_000 => (1_000, "us"),
-        1_000_000..1_000_000_000 => (1_000_000, "ms"),
-        1_000_000_000..172_800_000_000_000 => (1_000_000_000, "s"),
-        172_800_000_000_000..63_115_200_000_000_000 => (86_400_000_000_000, "days"),
-        _ => (31_557_600_000_000_000, "years"),
-    };
-    let part = format!("{:03}", size % unit * 1000 / unit);
-    let part = part.trim_end_matches('0');
-    let point = if part.is_empty() { "" } else { "." };
-    format!("{sign}{}{point}{part} {name}", size / unit)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

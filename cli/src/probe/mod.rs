@@ -10,7 +10,6 @@ mod options;
 mod pace;
 mod plots;
 mod progress;
-mod recording;
 mod row;
 mod server;
 mod summary;
@@ -27,6 +26,7 @@ use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
 use crate::diagnostics::print_line;
+use crate::duration::tenths;
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
@@ -39,7 +39,7 @@ use crate::probe::summary::ProbeSummary;
 use crate::run::served::Served;
 use crate::sink::OutputSink;
 use fuseline_evaluation::models::REQUEST_BYTES;
-use fuseline_evaluation::plot::Folder;
+use fuseline_evaluation::plot::{Folder, page_of};
 
 pub(crate) use crate::probe::options::Args;
 
@@ -148,7 +148,8 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.is_set());
     // The summary is printed even if the files cannot be written.
     let written = written.map_err(|source| unwritten(source).into()).and_then(|()| {
-        if let Some((_, folder)) = &folder {
+        if let Some((path, folder)) = &folder {
+            summary.page = Some(page_of(path));
             summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
         }
         Ok(())
@@ -183,9 +184,8 @@ async fn warn_of_model(url: &str, connection: Connection) {
         return;
     }
     let model = model.unwrap_or_else(|| "a model".to_owned());
-    let runtime = runtime.map_or_else(String::new, |runtime| {
-        format!(", which takes about {:.1} ms", runtime.as_secs_f64() * 1e3)
-    });
+    let runtime = runtime
+        .map_or_else(String::new, |runtime| format!(", which takes about {}", tenths(runtime)));
     let drive = drive.map_or_else(String::new, |drive| format!(", behind {drive}"));
     print_line(format_args!(
         "warning: {url} serves {model}{runtime}{drive}; the round trips contain that time. To measure the \

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use fuseline_tokio::grpc;
 
+use crate::duration::{SHORTEST, duration};
 use crate::fault::Fault;
 use crate::files::{self, FileError};
 use crate::output::Overwrite;
-use fuseline_evaluation::duration::{SHORTEST, duration};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -46,7 +46,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051", requires = "serve")]
     pub(crate) listen: SocketAddr,
     /// The duration of the probe, up to a week [default: until Ctrl-C].
-    #[arg(long = "for", value_name = "TIME", value_parser = span, allow_hyphen_values = true, alias = "seconds")]
+    #[arg(long = "for", value_name = "TIME", value_parser = span, allow_hyphen_values = true)]
     pub(crate) span: Option<Duration>,
     /// Requests a second, 0.1 to 1000.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate,
@@ -66,7 +66,7 @@ pub(crate) struct Args {
     /// ground, and a page that holds them: round trips over time and their distribution.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
     pub(crate) output: Option<PathBuf>,
-    /// Measure nothing, but plot this recording.
+    /// Measure nothing, but plot this recording, or another drive: FILE, or FILE:NETWORK.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
     /// The time that a cloud would compute in addition, up to 1m.

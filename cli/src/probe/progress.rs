@@ -3,9 +3,10 @@
 use std::io::Write;
 use std::time::Duration;
 
+use crate::duration::{short, whole};
+use crate::percentile::shown;
 use crate::probe::log::ProbeLog;
 use crate::probe::options::Args;
-use crate::probe::summary::quantile;
 use crate::progress::ProgressLine;
 use crate::table::counted;
 
@@ -43,10 +44,9 @@ fn state<W: Write>(log: &ProbeLog<W>) -> String {
     let counts = log.figures.counts;
     let queued = log.pace.queued();
     let state = if log.pace.is_paused() { "paused, " } else { "" };
-    let latest = log.latest.map_or_else(String::new, |latest| {
-        format!(", latest {:.0} ms", latest.as_secs_f64() * 1e3)
-    });
-    let median = quantile(log.figures.answers.quantile(50));
+    let latest =
+        log.latest.map_or_else(String::new, |latest| format!(", latest {}", whole(latest)));
+    let median = shown(log.figures.answers.quantile(50), short);
     let pauses = counted(counts.pauses, "pause");
     let (sent, failed) = (counts.sent, counts.failed);
     format!(

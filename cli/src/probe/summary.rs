@@ -2,16 +2,15 @@
 
 use std::fmt;
 use std::path::Path;
-use std::time::Duration;
 
-use fuseline_evaluation::duration::seconds;
 use fuseline_evaluation::{TripQuantiles, paper_round_trips};
 use serde::Serialize;
 
-use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
+use crate::duration::{ms, seconds, short};
+use crate::percentile::{Percentiles, shown};
+use crate::probe::figures::{Figures, RequestCounts};
 use crate::probe::options::Args;
 use crate::table::{counted, percent, table};
-use fuseline_report::Quantile;
 
 /// The result of a probe.
 #[derive(Debug, Serialize)]
@@ -26,12 +25,14 @@ pub(crate) struct ProbeSummary {
     counts: RequestCounts,
     paused_ms: f64,
     /// Round trips of answers.
-    answers_ms: QuantileRow,
+    answers_ms: Percentiles,
     /// The response times over all slots.
-    slots_ms: QuantileRow,
+    slots_ms: Percentiles,
     /// The paper's.
     paper_ms: TripQuantiles,
     csv: String,
+    /// The page with the plots.
+    pub(crate) page: Option<String>,
     /// Files in the folder for plots.
     pub(crate) plots: Vec<String>,
 }
@@ -50,11 +51,12 @@ impl ProbeSummary {
             runtime_ms: seconds(args.runtime) * 1e3,
             deadline_ms: seconds(args.deadline) * 1e3,
             counts: figures.counts,
-            paused_ms: figures.paused.as_secs_f64() * 1000.0,
+            paused_ms: ms(figures.paused),
             answers_ms: figures.answers.reported(),
             slots_ms: figures.slots.reported(),
             paper_ms: paper_round_trips(),
             csv: csv.display().to_string(),
+            page: None,
             plots: Vec::new(),
         }
     }
@@ -90,8 +92,8 @@ impl fmt::Display for ProbeSummary {
         if missed > 0 {
             writeln!(f, "This host was busy and missed {}.", counted(missed, "slot"))?;
         }
-        let row = |name: &str, QuantileRow { p50, p90, p99, max }: QuantileRow, of| {
-            let [p50, p90, p99, max] = [p50, p90, p99, max].map(quantile);
+        let row = |name: &str, Percentiles { p50, p90, p99, max }: Percentiles, of| {
+            let [p50, p90, p99, max] = [p50, p90, p99, max].map(|quantile| shown(quantile, short));
             [name.to_owned(), p50, p90, p99, max, percent(in_time, of)]
         };
         let TripQuantiles { p50, p90, p99 } = self.paper_ms;
@@ -125,25 +127,12 @@ pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
     format!("{}: index.html, and as SVG and PNG: {}\n", folder.display(), names.join(", "))
 }
 
-/// Returns a quantile in milliseconds.
-pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
-    match quantile {
-        Some(Quantile::Exactly(at)) => millis(at),
-        Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(at)),
-        Some(Quantile::Never) => "never".to_owned(),
-        None => "–".to_owned(),
-    }
-}
-
-/// Formats whole milliseconds, and tenths below ten.
-fn millis(at: Duration) -> String {
-    let ms = at.as_secs_f64() * 1000.0;
-    let decimals = usize::from(ms < 9.95);
-    format!("{ms:.decimals$} ms")
-}
-
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
+    use fuseline_report::Quantile;
+
     use super::*;
 
     #[test]
@@ -175,8 +164,8 @@ mod tests {
             deadline_ms: 500.0,
             counts,
             paused_ms: 2340.0,
-            answers_ms: QuantileRow { p50: ms(9.94), p90: ms(9.96), p99: ms(3027.4), max: None },
-            slots_ms: QuantileRow {
+            answers_ms: Percentiles { p50: ms(9.94), p90: ms(9.96), p99: ms(3027.4), max: None },
+            slots_ms: Percentiles {
                 p50: ms(12.0),
                 p90: Some(Quantile::AtLeast(Duration::from_millis(40))),
                 p99: Some(Quantile::Never),
@@ -184,6 +173,7 @@ mod tests {
             },
             paper_ms: paper_round_trips(),
             csv: "drive.csv".to_owned(),
+            page: None,
             plots: Vec::new(),
         };
         let text = summary.to_string();

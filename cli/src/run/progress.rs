@@ -6,9 +6,9 @@ use std::time::Duration;
 use fuseline_tokio::Tally;
 use tokio::time::Instant;
 
+use crate::duration::secs;
 use crate::progress::ProgressLine;
 use crate::run::plan::RunPlan;
-use crate::run::table::secs;
 use crate::table::counted;
 
 /// The progress on standard error while the camera runs.

@@ -15,9 +15,11 @@ use fuseline_report::{
 };
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Doubt, DoubtKind, Event, Events, Judge, Verdict};
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
+use crate::duration::ms;
 use crate::fault::Fault;
+use crate::percentile::as_object;
 use crate::run::metadata::RunMetadata;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
@@ -106,7 +108,7 @@ pub(crate) struct PolicyReport {
     pub(crate) mean_ap: Option<BoundedFigure<f64>>,
     pub(crate) in_time: BoundedFigure<u64>,
     /// The quantiles p50, p90 and p99, which are `null` without messages.
-    #[serde(serialize_with = "quantiles")]
+    #[serde(serialize_with = "as_object")]
     pub(crate) response_ms: [Option<Quantile>; 3],
     /// The median response time in outages, or `null` if there were none.
     pub(crate) outage_response_ms: Option<Quantile>,
@@ -114,14 +116,6 @@ pub(crate) struct PolicyReport {
     /// `true` if it may have sent more, because calls that it would have made were never begun or
     /// ended before their answer.
     pub(crate) sent_is_at_least: bool,
-}
-
-/// A policy's response times, in milliseconds.
-#[derive(Serialize)]
-struct ResponseQuantiles {
-    p50: Option<Quantile>,
-    p90: Option<Quantile>,
-    p99: Option<Quantile>,
 }
 
 /// The facts in the trace, and its verdict.
@@ -224,7 +218,7 @@ impl Reading {
             missed: totals.missed,
             refused: totals.refused,
             open: totals.open,
-            timer_lag_ms: self.statistics.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
+            timer_lag_ms: self.statistics.timer_lag().map(ms),
             outage_messages: outages(&messages, plan.deadline()),
             compared: messages.len() as u64,
             policies: policies(&messages, plan, &totals, driven),
@@ -328,11 +322,4 @@ fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static 
     let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);
     (has_broken && failures.contains_key(grpc::CallError::BROKE) && remote.url.starts_with("http:"))
         .then_some("if it speaks TLS, give an https URL and a ca")
-}
-
-fn quantiles<S: Serializer>(
-    [p50, p90, p99]: &[Option<Quantile>; 3],
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    ResponseQuantiles { p50: *p50, p90: *p90, p99: *p99 }.serialize(serializer)
 }

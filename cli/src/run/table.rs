@@ -4,7 +4,9 @@
 use std::fmt::{self, Write};
 use std::time::Duration;
 
+use crate::duration::{secs, tenths, whole};
 use crate::emulation::Outage;
+use crate::percentile::shown;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::report::{PolicyReport, RunReport, SourceReport};
 use crate::table::{counted, percent, share, table};
@@ -50,7 +52,7 @@ impl fmt::Display for PlanSummary<'_> {
             }
         };
         let model = plan.local.to_string();
-        writeln!(f, "  0 local  {model:<26} {:>8}   {pipeline}", exact(plan.local.runtime))?;
+        writeln!(f, "  0 local  {model:<26} {:>8}   {pipeline}", tenths(plan.local.runtime))?;
         for cloud in &plan.clouds {
             writeln!(f, "  {cloud}")?;
         }
@@ -115,7 +117,7 @@ impl fmt::Display for CloudPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, priority, served, server } = self;
         let text = served.model.as_deref().unwrap_or_default();
-        let runtime = served.runtime.map(exact).unwrap_or_default();
+        let runtime = served.runtime.map(tenths).unwrap_or_default();
         write!(f, "{priority} {name:<6} {text:<26} {runtime:>8}   ")?;
         match (server, &served.drive) {
             (CloudServer::Emulated(emulation), _) => {
@@ -275,12 +277,7 @@ impl PolicyReport {
             in_time(self.in_time, compared),
         ];
         let responses = self.response_ms.iter().chain([&self.outage_response_ms]);
-        row.extend(responses.map(|quantile| match quantile {
-            Some(Quantile::Exactly(at)) => millis(*at),
-            Some(Quantile::AtLeast(at)) => format!("≥ {} ms", at.as_millis()),
-            Some(Quantile::Never) => "never".to_owned(),
-            None => "–".to_owned(),
-        }));
+        row.extend(responses.map(|quantile| shown(*quantile, whole)));
         let bound = if self.sent_is_at_least { "≥ " } else { "" };
         row.push(format!("{bound}{}", megabytes(self.sent_bytes)));
         row
@@ -367,7 +364,7 @@ fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
         of("Seed", plan.seed.to_string()),
         of(
             "local",
-            format!("{}, {}, {} at once", plan.local, exact(plan.local.runtime), plan.workers),
+            format!("{}, {}, {} at once", plan.local, tenths(plan.local.runtime), plan.workers),
         ),
     ];
     rows.extend(
@@ -421,22 +418,6 @@ fn spans(outages: &[Outage]) -> String {
         text.push_str(" and later");
     }
     text
-}
-
-/// Formats whole milliseconds.
-pub(crate) fn millis(duration: Duration) -> String {
-    format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
-}
-
-/// Formats milliseconds to a tenth.
-fn exact(duration: Duration) -> String {
-    format!("{:.1} ms", duration.as_secs_f64() * 1000.0)
-}
-
-/// Formats seconds, to a tenth unless they are whole.
-pub(crate) fn secs(duration: Duration) -> String {
-    let decimals = usize::from(duration.subsec_millis() != 0);
-    format!("{:.decimals$} s", duration.as_secs_f64())
 }
 
 #[expect(clippy::cast_precision_loss, reason = "a few hundred")]

@@ -36,8 +36,6 @@ mod fault;
 #[path = "../../../cli/src/input.rs"]
 mod input;
 #[cfg(feature = "parsers")]
-mod probe;
-#[cfg(feature = "parsers")]
 #[path = "../../../cli/src/sink.rs"]
 mod sink;
 #[cfg(feature = "parsers")]

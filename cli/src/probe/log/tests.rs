@@ -6,7 +6,8 @@ use fuseline_report::Quantile;
 use fuseline_testkit::Rng;
 
 use super::*;
-use crate::probe::figures::{RequestCounts, Spread};
+use crate::percentile::Spread;
+use crate::probe::figures::RequestCounts;
 
 const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)

@@ -1,8 +1,11 @@
 //! Draws how many answers took how long.
 
+use std::time::Duration;
+
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
+use crate::duration::{ms, short};
 use crate::probe::plots::extent::Extent;
 use fuseline_evaluation::plot::{
     Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas, logarithmic,
@@ -18,7 +21,7 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
     let marks: Vec<(f64, f64)> = [50_u8, 90, 99]
         .into_iter()
         .filter_map(|percent| match extent.round_trips.quantile(percent.into())? {
-            Quantile::Exactly(at) => Some((at.as_secs_f64() * 1000.0, f64::from(percent))),
+            Quantile::Exactly(at) => Some((ms(at), f64::from(percent))),
             Quantile::AtLeast(_) | Quantile::Never => None,
         })
         .collect();
@@ -75,12 +78,7 @@ fn write(
 ) {
     let label = TextLine::new(13.0, theme.ink).bold();
     let label = if is_left { label.right() } else { label };
-    label.put(canvas, &format!("{name} {}", short(ms)), at);
-}
-
-/// Returns a time in milliseconds, without a fraction if that is exact enough.
-fn short(ms: f64) -> String {
-    if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
+    label.put(canvas, &format!("{name} {}", short(Duration::from_secs_f64(ms / 1e3))), at);
 }
 
 fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> ChartLine {

@@ -4,12 +4,15 @@ mod distribution;
 mod extent;
 mod series;
 
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::Path;
+
+use fuseline_testkit::networks::{DriveRow, each_row, split};
 
 use crate::fault::Fault;
 use crate::probe::plots::extent::Extent;
 use crate::probe::plots::series::Series;
-use crate::probe::recording::ProbeRecording;
 use fuseline_evaluation::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 
 /// The caption of the page.
@@ -28,12 +31,22 @@ pub(crate) fn plot(
     folder: &Folder,
     reported: Option<&str>,
 ) -> Result<Vec<String>, Fault> {
-    let mut recording = ProbeRecording::open(path)?;
+    let name = path.display().to_string();
+    // A recording of several networks is named with one of them.
+    let (file, network) = if path.exists() { (&*name, None) } else { split(&name) };
+    let unread = |source| Fault::Open { name: name.clone(), source };
+    let path = if network.is_some() { Path::new(file) } else { path };
+    let mut text = File::open(path).map_err(unread)?;
+    // The file may grow between the two passes.
+    let len = text.metadata().map_err(unread)?.len();
+    let mut each = |look: &mut dyn FnMut(DriveRow)| {
+        text.rewind().map_err(unread)?;
+        each_row(file, network, text.by_ref().take(len), look).map_err(Fault::own)
+    };
     let mut extent = Extent::default();
-    recording.each(u64::MAX, |plot_row| extent.add(&plot_row))?;
+    each(&mut |row| extent.add(&row))?;
     let mut series = Series::new(&extent);
-    // It may have grown since.
-    recording.each(extent.rows, |plot_row| series.add(&plot_row))?;
+    each(&mut |row| series.add(&row))?;
     let about = extent.reported();
     let plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];
     let files = names(&plots);

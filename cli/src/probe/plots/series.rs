@@ -6,9 +6,10 @@ use std::ops::Range;
 use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::style::Color;
 
-use crate::probe::plots::extent::Extent;
-use crate::probe::recording::PlotRow;
+use crate::duration::ms;
+use crate::probe::plots::extent::{Extent, is_pause};
 use fuseline_evaluation::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
+use fuseline_testkit::networks::DriveRow;
 
 const SIZE: (u32, u32) = (860, 500);
 /// No more is distinguished: about a unit of the drawing, in parts of the chart.
@@ -42,25 +43,26 @@ impl Series {
         }
     }
 
-    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
+    pub(crate) fn add(&mut self, row: &DriveRow) {
         let unit = (self.seconds.end - self.seconds.start) / ACROSS;
         if self.is_paused
             && let Some(pause) = self.pauses.last_mut()
         {
-            pause.1 = plot_row.sent;
+            pause.1 = row.sent;
         }
-        self.is_paused = plot_row.is_pause;
-        let x = cell((plot_row.sent - self.seconds.start) / unit);
-        match plot_row.round_trip {
-            Some(ms) => {
+        self.is_paused = is_pause(row);
+        let x = cell((row.sent - self.seconds.start) / unit);
+        match row.round_trip {
+            Some(round_trip) => {
+                let ms = ms(round_trip);
                 let up = (ms.max(self.milliseconds.start) / self.milliseconds.start).log10();
                 self.dots.insert((x, cell(up / self.decades() * UP)));
             }
-            None if !plot_row.is_pause => drop(self.lost.insert(x)),
+            None if !self.is_paused => drop(self.lost.insert(x)),
             None => match self.pauses.last_mut() {
                 // They are drawn as one, so that there are no more than the drawing shows.
-                Some(pause) if plot_row.sent - pause.1 < unit / 2.0 => pause.1 = plot_row.sent,
-                Some(_) | None => self.pauses.push((plot_row.sent, plot_row.sent)),
+                Some(pause) if row.sent - pause.1 < unit / 2.0 => pause.1 = row.sent,
+                Some(_) | None => self.pauses.push((row.sent, row.sent)),
             },
         }
     }

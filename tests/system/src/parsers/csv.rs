@@ -5,12 +5,11 @@ use std::time::Duration;
 
 use ::csv::{ReaderBuilder, Trim};
 use fuseline_deadline::Observation;
-use fuseline_testkit::networks::{Drive, DriveError};
+use fuseline_testkit::networks::{Drive, DriveError, each_row};
 use fuseline_traces::rows::{TableError, TableReader};
 
 use crate::parsers::held::as_file;
 use crate::parsers::{Ends, ParserResult, fit};
-use crate::probe::recording::ProbeRecording;
 
 pub(super) const ENDS: &[&str] = &[
     "events",
@@ -40,7 +39,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let held = match which % 4 {
         0 => return events(file, ends),
         1 => as_file(file, |path| drive(path, ends)),
-        2 => as_file(file, |path| recording(path, ends)),
+        2 => return recording(file, ends),
         _ => return calls(file, ends),
     };
     held.map_err(|error| error.to_string())?
@@ -122,30 +121,26 @@ fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
 }
 
 /// Checks that rows come in the order of sending, with figures in their ranges.
-fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
-    let (mut before, mut wrong) = (f64::NEG_INFINITY, None);
-    let read = ProbeRecording::open(path).and_then(|mut recording| {
-        recording.each(u64::MAX, |row| {
-            let is_right = row.sent >= before
-                && row.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
-                && !(row.is_pause && row.round_trip.is_some());
-            before = row.sent;
-            if !is_right {
-                wrong = Some(row);
-            }
-        })
+fn recording(bytes: &[u8], ends: &mut Ends) -> ParserResult {
+    let (mut before, mut wrong) = (None, None);
+    let read = each_row("recording", None, bytes, |row| {
+        let is_later = before.is_none_or(|before| row.at > before);
+        if !is_later || row.round_trip.is_some_and(|round_trip| round_trip > LONGEST) {
+            wrong = Some(row);
+        }
+        before = Some(row.at);
     });
     if let Some(wrong) = wrong {
         return Err(format!("a row of a recording: {wrong:?}"));
     }
     match read {
-        Ok(()) => {
+        Ok(_) => {
             ends.insert("recording");
             Ok(())
         }
-        Err(fault) => {
+        Err(error) => {
             ends.insert("no recording");
-            fit(&fault.to_string())
+            fit(&error.to_string())
         }
     }
 }
