@@ -118,10 +118,25 @@ fn clouds_may_stand_in_a_file() {
 
     let both = [&args[..], &["--cloud", "name=a,priority=1,url=http://h"]].concat();
     assert_eq!(run(&both, "").status.code(), Some(2));
-    fs::write(&file, "[[cloud]]\nname = \"a\"\n").unwrap();
-    let refused = run(&args, "");
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("fuseline.toml:1: priority is missing"), "{}", err(&refused));
+    let cloud = "[[cloud]]\nname = \"a\"\npriority = 1\nmodel = \"DINO-SWIN-Tiny\"\n";
+    let drive = "drive = \"cicv5g/rural_n8_v10\"\n";
+    for (text, expected) in [
+        ("[[cloud]]\nname = \"a\"\n", "1:1: priority is missing"),
+        (&format!("{cloud}drive = \"none\""), "5:9: cloud \"a\": no built-in drive"),
+        (&format!("{cloud}{drive}start = \"9h\""), "6:9: cloud \"a\": the start of "),
+        (&format!("{cloud}{drive}{cloud}{drive}"), "7:8: two clouds are called \"a\""),
+        ("[[cloud]]\nname = \"a\"\npriority = 1\nurl = \"a b\"", "4:7: cloud \"a\": "),
+        (
+            "[[cloud]]\nname = \"a\"\npriority = 1\nurl = \"http://h\"\nca = \"none\"",
+            "5:6: none: No such file",
+        ),
+    ] {
+        fs::write(&file, text).unwrap();
+        let refused = run(&args, "");
+        assert_eq!(refused.status.code(), Some(2), "{text}");
+        let expected = format!("fuseline.toml:{expected}");
+        assert!(err(&refused).contains(&expected), "{expected}: {}", err(&refused));
+    }
 }
 
 /// On a terminal, which `script` makes.

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use crate::duration::{ANY, duration};
 use crate::emulation::EmulationError;
-use fuseline_evaluation::duration::{ANY, duration};
 use fuseline_evaluation::models::{Model, ModelError};
 
 /// One cloud as the options describe it.
@@ -84,6 +84,11 @@ impl CloudError {
             Self::Model(ModelError::Key(_)) | Self::Missing(_) | Self::Pair(_) => None,
         }
     }
+
+    /// Returns `true` if the mistake is the value of the key, and not the key itself.
+    pub(crate) const fn is_of_value(&self) -> bool {
+        matches!(self, Self::Value { .. } | Self::Model(_))
+    }
 }
 
 /// A mistake in the clouds together.
@@ -97,8 +102,25 @@ pub(crate) enum CloudsError {
     Elsewhere { option: &'static str, cloud: String },
     #[error("two clouds are called {0:?}; give each its own name")]
     SameName(String),
+    #[error("two clouds with priority {priority}; give each its own")]
+    SamePriority { cloud: String, priority: u16 },
     #[error("cloud {cloud:?}: {source}")]
     Emulation { cloud: String, source: EmulationError },
+}
+
+impl CloudsError {
+    /// Returns the cloud and its key at fault, if the mistake can stand in a file of clouds.
+    pub(crate) fn at_fault(&self) -> Option<(&str, &'static str)> {
+        match self {
+            Self::SameName(cloud) => Some((cloud, "name")),
+            Self::SamePriority { cloud, .. } => Some((cloud, "priority")),
+            Self::Emulation { cloud, source: EmulationError::Drive(_) } => Some((cloud, "drive")),
+            Self::Emulation { cloud, source: EmulationError::Start { .. } } => {
+                Some((cloud, "start"))
+            }
+            Self::Unknown { .. } | Self::Elsewhere { .. } => None,
+        }
+    }
 }
 
 /// The clouds of a run without `--cloud`.
@@ -145,7 +167,7 @@ impl CloudOptions {
 ///
 /// # Errors
 /// Returns an error if there is no such cloud, if it is a server elsewhere, or if two clouds have
-/// the same name.
+/// the same name or priority.
 pub(crate) fn adjust(
     clouds: &mut [CloudOptions],
     drives: &[NamedValue<String>],
@@ -154,6 +176,10 @@ pub(crate) fn adjust(
     for (i, cloud) in clouds.iter().enumerate() {
         if clouds[..i].iter().any(|other| other.name == cloud.name) {
             return Err(CloudsError::SameName(cloud.name.clone()));
+        }
+        if clouds[..i].iter().any(|other| other.priority == cloud.priority) {
+            let CloudOptions { name: cloud, priority, .. } = cloud.clone();
+            return Err(CloudsError::SamePriority { cloud, priority });
         }
     }
     for NamedValue { cloud, value } in drives {

@@ -1,7 +1,8 @@
 //! Reads clouds from a TOML file with a table `[[cloud]]` for each. The keys are the same as in
-//! `--cloud`.
+//! `--cloud`. Each mistake is reported at its own line and column.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -12,11 +13,25 @@ use crate::fault::one_line;
 use crate::files::{self, FileError};
 use crate::run::cloud::{CloudError, CloudOptions};
 
-/// The file.
+/// The content of a file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ConfigFile {
-    cloud: Vec<Spanned<BTreeMap<Spanned<String>, Value>>>,
+    cloud: Vec<Spanned<CloudTable>>,
+}
+
+type CloudTable = BTreeMap<Spanned<String>, Spanned<Value>>;
+
+/// The clouds of a file, and the places of their keys.
+pub(crate) struct CloudFile {
+    pub(crate) clouds: Vec<CloudOptions>,
+    places: Vec<CloudPlaces>,
+}
+
+/// The place of a cloud's table, and of the value of each key, as `FILE:LINE:COLUMN`.
+struct CloudPlaces {
+    table: String,
+    values: BTreeMap<String, String>,
 }
 
 /// The reason why a file gives no clouds.
@@ -26,54 +41,83 @@ pub(crate) enum CloudFileError {
     Read(#[from] FileError),
     #[error("{file}: the file is not UTF-8 text; give a TOML file")]
     Text { file: String },
-    #[error("{file}:{line}: {message}; a cloud is a table [[cloud]] with the keys of --cloud")]
-    Toml { file: String, line: usize, message: String },
-    #[error("{file}:{line}: {source}")]
-    Cloud { file: String, line: usize, source: CloudError },
-    #[error("{file}:{line}: key {key:?} has a {value} as its value; give text or a number")]
-    Type { file: String, line: usize, key: String, value: &'static str },
+    #[error("{place}: {message}; a cloud is a table [[cloud]] with the keys of --cloud")]
+    Toml { place: String, message: String },
+    #[error("{place}: {source}")]
+    Cloud { place: String, source: CloudError },
+    #[error("{place}: key {key:?} has a {value} as its value; give text or a number")]
+    Type { place: String, key: String, value: &'static str },
 }
 
-/// Returns the clouds in a file.
-///
-/// # Errors
-/// Returns an error if the file cannot be read, if it is not TOML, or if the command line would
-/// refuse one of its clouds.
-pub(crate) fn clouds(path: &Path) -> Result<Vec<CloudOptions>, CloudFileError> {
-    let file = path.display().to_string();
-    let bytes = files::bytes(path)?;
-    let text = str::from_utf8(&bytes).map_err(|_| CloudFileError::Text { file: file.clone() })?;
-    let line = |at: usize| 1 + text.get(..at).unwrap_or(text).matches('\n').count();
-    let config: ConfigFile = toml::from_str(text).map_err(|error| CloudFileError::Toml {
-        file: file.clone(),
-        line: error.span().map_or(1, |span| line(span.start)),
-        message: one_line(error.message()),
-    })?;
-    let clouds = config.cloud.into_iter().map(|cloud| {
-        let begin = line(cloud.span().start);
-        let mut lines = BTreeMap::new();
-        let mut pairs = Vec::new();
-        for (key, value) in cloud.into_inner() {
-            let (line, key) = (line(key.span().start), key.into_inner());
-            lines.insert(key.clone(), line);
-            let value = match value {
-                Value::String(text) => text,
-                Value::Integer(number) => number.to_string(),
-                Value::Float(number) => number.to_string(),
-                value => {
-                    let (file, value) = (file.clone(), value.type_str());
-                    return Err(CloudFileError::Type { file, line, key, value });
-                }
-            };
-            pairs.push(Ok((key, value)));
+impl CloudFile {
+    /// Reads the clouds in a file.
+    ///
+    /// # Errors
+    /// Returns an error if the file cannot be read, if it is not TOML, or if the command line would
+    /// refuse one of its clouds.
+    pub(crate) fn read(path: &Path) -> Result<Self, CloudFileError> {
+        let file = path.display().to_string();
+        let bytes = files::bytes(path)?;
+        let text =
+            str::from_utf8(&bytes).map_err(|_| CloudFileError::Text { file: file.clone() })?;
+        let place = |span: Range<usize>| {
+            let before = text.get(..span.start).unwrap_or(text);
+            let (line, begin) = (before.matches('\n').count() + 1, before.rfind('\n'));
+            let column = before[begin.map_or(0, |end| end + 1)..].chars().count() + 1;
+            format!("{file}:{line}:{column}")
+        };
+        let config: ConfigFile = toml::from_str(text).map_err(|error| CloudFileError::Toml {
+            place: place(error.span().unwrap_or(0..0)),
+            message: one_line(error.message()),
+        })?;
+        let (mut clouds, mut places) = (Vec::new(), Vec::new());
+        for table in config.cloud {
+            let (cloud, at) = read_table(table, place)?;
+            clouds.push(cloud);
+            places.push(at);
         }
-        let of_pairs = CloudOptions::of_pairs(pairs);
-        of_pairs.map_err(|source| {
-            let line = source.key().and_then(|key| lines.get(key)).copied().unwrap_or(begin);
-            CloudFileError::Cloud { file: file.clone(), line, source }
-        })
-    });
-    clouds.collect()
+        Ok(Self { clouds, places })
+    }
+
+    /// Returns the place of a key's value, or of its table, in the last cloud with this name.
+    pub(crate) fn place(&self, cloud: &str, key: &str) -> Option<&str> {
+        let index = self.clouds.iter().rposition(|other| other.name == cloud)?;
+        let CloudPlaces { table, values } = self.places.get(index)?;
+        Some(values.get(key).unwrap_or(table))
+    }
+}
+
+/// Returns the cloud of a table, and its places.
+fn read_table(
+    table: Spanned<CloudTable>,
+    place: impl Fn(Range<usize>) -> String,
+) -> Result<(CloudOptions, CloudPlaces), CloudFileError> {
+    let (table_place, mut pairs) = (place(table.span()), Vec::new());
+    let (mut keys, mut values) = (BTreeMap::new(), BTreeMap::new());
+    for (key, value) in table.into_inner() {
+        let [key_place, value_place] = [key.span(), value.span()].map(&place);
+        let key = key.into_inner();
+        let text = match value.into_inner() {
+            Value::String(text) => text,
+            Value::Integer(number) => number.to_string(),
+            Value::Float(number) => number.to_string(),
+            value => {
+                let (place, value) = (value_place, value.type_str());
+                return Err(CloudFileError::Type { place, key, value });
+            }
+        };
+        keys.insert(key.clone(), key_place);
+        values.insert(key.clone(), value_place);
+        pairs.push(Ok((key, text)));
+    }
+    match CloudOptions::of_pairs(pairs) {
+        Ok(cloud) => Ok((cloud, CloudPlaces { table: table_place, values })),
+        Err(source) => {
+            let places = if source.is_of_value() { &values } else { &keys };
+            let place = source.key().and_then(|key| places.get(key)).unwrap_or(&table_place);
+            Err(CloudFileError::Cloud { place: place.clone(), source })
+        }
+    }
 }
 
 #[cfg(test)]
@@ -85,7 +129,8 @@ mod tests {
         let path = dir.path().join("fuseline.toml");
         std::fs::write(&path, text).unwrap();
         let prefix = format!("{}:", path.display());
-        clouds(&path).map_err(|error| error.to_string().replace(&prefix, ""))
+        let read = CloudFile::read(&path).map(|file| file.clouds);
+        read.map_err(|error| error.to_string().replace(&prefix, ""))
     }
 
     #[test]
@@ -104,24 +149,29 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_reported_with_its_line() {
+    fn a_mistake_is_reported_at_its_place() {
         for (text, expected) in [
-            ("cloud = 3", "1: "),
-            ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1: priority is missing"),
-            ("\n\n[[cloud]]\nnome = \"a\"", "4: there is no key \"nome\""),
-            ("[[cloud]]\nname = true", "2: key \"name\" has a boolean as its value"),
+            ("cloud = 3", "1:9: invalid type: integer `3`, expected a sequence"),
+            ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1:1: priority is missing"),
+            ("\n\n[[cloud]]\nnome = \"a\"", "4:1: there is no key \"nome\""),
+            ("[[cloud]]\nname = true", "2:8: key \"name\" has a boolean as its value"),
             (
                 "[[cloud]]\nname = \"a\"\npriority = 1\nmodel = \"m\"\nruntime = 45",
-                "5: runtime \"45\" is not valid; it must be more than 0",
+                "5:11: runtime \"45\" is not valid; it must be more than 0",
             ),
-            ("[[cloud]]\nname = \"a\"\npriority = 0", "3: priority \"0\" is not valid"),
+            ("[[cloud]]\nname = \"ä\"; priority = 0", "2:11: "),
+            ("cloud = [{ name = \"ä\", priority = 0 }]", "1:35: priority \"0\" is not valid"),
             (
-                "[[cloud]]\nname=\"a\"\npriority=1\nurl=\"http://h\"\ndrive=\"d\"",
-                "5: drive cannot be given with url",
+                "[[cloud]]\nname=\"a\"\npriority=1\nurl=\"http://h\"\n  drive=\"d\"",
+                "5:3: drive cannot be given with url",
             ),
-            ("[[cloud]]\nname = ", "2: "),
-            ("[[clouds]]\nname = \"a\"", "1: unknown field `clouds`"),
-            ("", "1: missing field `cloud`"),
+            (
+                "[[cloud]]\nname=\"a\"\npriority=1\ndrive=\"d\"\nmodel = \"none\"",
+                "5:9: there is no model \"none\"",
+            ),
+            ("[[cloud]]\nname = ", "2:8: "),
+            ("[[clouds]]\nname = \"a\"", "1:3: unknown field `clouds`, expected `cloud`"),
+            ("", "1:1: missing field `cloud`"),
         ] {
             let fault = read(text).unwrap_err();
             assert!(fault.starts_with(expected), "{text:?}: {fault}");

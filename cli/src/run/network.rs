@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use crate::diagnostics::print_line;
 use crate::emulation::answer;
 use crate::fault::Fault;
-use crate::files;
+use crate::files::{self, FileError};
 use crate::run::cloud::RemoteServer;
 use crate::run::error::RunError;
 use crate::run::plan::{CloudServer, RunPlan};
@@ -37,7 +37,9 @@ impl Network {
         let began = Arc::new(OnceLock::new());
         for cloud in &plan.clouds {
             let remote = match &cloud.server {
-                CloudServer::Remote(remote) => describe(remote)?,
+                CloudServer::Remote(remote) => describe(remote).map_err(|(key, source)| {
+                    RunError::File { place: plan.place(&cloud.name, key), source }
+                })?,
                 CloudServer::Emulated(emulation) => {
                     let (listener, url) = listen().await.map_err(RunError::Loopback)?;
                     let infer = answer(emulation.clone(), Arc::clone(&began));
@@ -51,10 +53,10 @@ impl Network {
                 }
             };
             let connection = remote.connect();
-            connections.push(
-                connection
-                    .map_err(|source| RunError::Remote { cloud: cloud.name.clone(), source })?,
-            );
+            connections.push(connection.map_err(|source| {
+                let (place, cloud) = (plan.place(&cloud.name, "url"), cloud.name.clone());
+                RunError::Remote { place, cloud, source }
+            })?);
         }
         Ok(Self { connections, servers, began })
     }
@@ -77,13 +79,24 @@ async fn listen() -> io::Result<(TcpListener, String)> {
     Ok((listener, url))
 }
 
-/// Reads the files that are needed to reach a remote server.
-fn describe(remote: &RemoteServer) -> Result<grpc::Remote, Fault> {
+/// Reads the files that are needed to reach a remote server. An error comes with the key that names
+/// the file.
+fn describe(remote: &RemoteServer) -> Result<grpc::Remote, (&'static str, FileError)> {
     let RemoteServer { url, ca, cert, key, token } = remote;
+    let of_pair = |error: FileError| match &error {
+        FileError::Read { path, .. } | FileError::NoKey { path, .. }
+            if key.as_deref() == Some(path) =>
+        {
+            ("key", error)
+        }
+        _ => ("cert", error),
+    };
+    let ca = ca.as_deref().map(files::certificates).transpose();
+    let token = token.as_deref().map(files::token).transpose();
     Ok(grpc::Remote {
-        ca: ca.as_deref().map(files::certificates).transpose()?,
-        identity: files::identity(cert.as_deref(), key.as_deref())?,
-        token: token.as_deref().map(files::token).transpose()?,
+        ca: ca.map_err(|error| ("ca", error))?,
+        identity: files::identity(cert.as_deref(), key.as_deref()).map_err(of_pair)?,
+        token: token.map_err(|error| ("token", error))?,
         ..grpc::Remote::new(url)
     })
 }

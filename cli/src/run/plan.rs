@@ -9,6 +9,7 @@ use clap::ValueEnum;
 use fuseline_tokio::Commit;
 use thiserror::Error;
 
+use crate::duration::{SHORTEST, duration};
 use crate::emulation::Emulation;
 use crate::fault::Fault;
 use crate::input::is_standard;
@@ -16,9 +17,8 @@ use crate::judging::AcceptOption;
 use crate::output::{self, Output, Overwrite};
 use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
-use crate::run::config::{self, CloudFileError};
+use crate::run::config::{CloudFile, CloudFileError};
 use crate::run::served::Served;
-use fuseline_evaluation::duration::{SHORTEST, duration};
 use fuseline_evaluation::link::{LinkArgs, LinkWidth, RecordedLink};
 use fuseline_evaluation::models::Model;
 
@@ -181,6 +181,8 @@ pub(crate) struct RunPlan {
     pub(crate) page: Option<Output>,
     /// `true` if it is to be opened in a browser.
     pub(crate) open: bool,
+    /// The file that the clouds come from.
+    file: Option<CloudFile>,
 }
 
 /// One cloud of a run.
@@ -203,8 +205,8 @@ pub(crate) enum CloudServer {
 /// The reason why options do not make a run.
 #[derive(Debug, Error)]
 pub(crate) enum PlanError {
-    #[error(transparent)]
-    Clouds(#[from] CloudsError),
+    #[error("{}{source}", at(.place.as_deref()))]
+    Clouds { place: Option<String>, source: CloudsError },
     #[error(transparent)]
     File(#[from] CloudFileError),
     #[error("{frames} frames are too many; choose --for and --rate for at most {MESSAGES}")]
@@ -246,11 +248,17 @@ impl RunPlan {
         if frames > MESSAGES {
             return Err(PlanError::Frames { frames }.into());
         }
-        let mut wanted = match &args.config {
-            Some(file) => config::clouds(file).map_err(PlanError::from)?,
-            None => args.clouds.clone(),
+        let file = args.config.as_deref().map(CloudFile::read);
+        let file = file.transpose().map_err(PlanError::from)?;
+        let mistaken = |source: CloudsError| {
+            let is_own = |key: &str| key == "name" || key == "priority";
+            let place = source.at_fault();
+            let place = place.filter(|(cloud, key)| is_own(key) || !args.changes(cloud));
+            let place = place.and_then(|(cloud, key)| file.as_ref()?.place(cloud, key));
+            PlanError::Clouds { place: place.map(ToOwned::to_owned), source }
         };
-        cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(PlanError::from)?;
+        let mut wanted = file.as_ref().map_or_else(|| &args.clouds, |file| &file.clouds).clone();
+        cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(mistaken)?;
         let trace = trace(args, &wanted)?;
         let page = args.report.as_ref();
         let page = page.map(|path| page_of(path.as_deref(), &trace, &wanted, args.overwrite));
@@ -274,12 +282,18 @@ impl RunPlan {
             local: args.local.clone(),
             workers: args.workers.get(),
             calls: args.calls.get(),
-            clouds: clouds.collect::<Result<_, CloudsError>>().map_err(PlanError::from)?,
+            clouds: clouds.collect::<Result<_, CloudsError>>().map_err(mistaken)?,
             link: args.link.width(),
             trace,
             page,
             open: args.open,
+            file,
         })
+    }
+
+    /// Returns the place of a cloud's key in the file of clouds, if the cloud comes from one.
+    pub(crate) fn place(&self, cloud: &str, key: &str) -> Option<String> {
+        self.file.as_ref()?.place(cloud, key).map(ToOwned::to_owned)
     }
 
     /// Returns `true` if clouds share a link that has a rate.
@@ -297,6 +311,14 @@ impl RunPlan {
     /// Returns the longest time that a cloud may take.
     pub(crate) const fn deadline(&self) -> Duration {
         Duration::from_millis(self.deadline_ms)
+    }
+}
+
+impl Args {
+    /// Returns `true` if an option changes the drive or the start of this cloud.
+    fn changes(&self, cloud: &str) -> bool {
+        self.drives.iter().any(|drive| drive.cloud == cloud)
+            || self.starts.iter().any(|start| start.cloud == cloud)
     }
 }
 
@@ -333,6 +355,11 @@ impl CloudPlan {
             CloudServer::Remote(_) => None,
         }
     }
+}
+
+/// Returns a place, if it is known, with what separates it from a message.
+pub(crate) fn at(place: Option<&str>) -> String {
+    place.map(|place| format!("{place}: ")).unwrap_or_default()
 }
 
 /// Returns the file for the trace. It must not be a file that the clouds' options name.
