@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use fuseline_traces::Verdict;
 use fuseline_traces::packed::{Packing, unpack_beside};
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::MultiProgress;
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -19,8 +19,9 @@ use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
 use crate::judging::{JudgeOptions, TraceEnd, TraceStep, finish, judge, next_event, reader};
+use crate::output::Overwrite;
 use crate::progress;
-use crate::results::{Files, Subject};
+use crate::results::{Outputs, Subject};
 use crate::sink::OutputSink;
 use crate::tail::Tail;
 use crate::verdict::{self, print_violation};
@@ -86,8 +87,11 @@ pub(crate) struct Args {
     /// Write the verdicts for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
+    /// Write violations as SARIF, which code hosts show beside the change.
+    #[arg(long, value_name = "FILE")]
+    sarif: Option<PathBuf>,
     #[command(flatten)]
-    results: Files,
+    overwrite: Overwrite,
     /// Keep judging one file while it grows, until Ctrl-C; messages that are open then are not
     /// judged.
     #[arg(long, conflicts_with_all = ["junit", "sarif", "ended"])]
@@ -119,8 +123,8 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let input = [PathBuf::from("-")];
     let files = if args.files.is_empty() { &input[..] } else { &args.files };
     let read: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
-    let mut outputs = args.results.outputs(&read)?;
-    outputs.add_junit(args.junit.as_deref(), &read)?;
+    let results = [args.sarif.as_deref(), args.junit.as_deref()];
+    let outputs = Outputs::new(results, &read, args.overwrite)?;
     let mut all = Vec::new();
     let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
@@ -193,11 +197,7 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
     // read may interrupt.
     let interrupt = Interrupt::watch();
     let file = plain_file(path, &name)?;
-    let bar = ProgressBar::no_length();
-    bar.set_style(
-        ProgressStyle::with_template("{prefix:.dim} {pos} lines judged, Ctrl-C for the verdict")
-            .unwrap_or_else(|_| ProgressStyle::default_spinner()),
-    );
+    let bar = progress::styled(None, "{prefix:.dim} {pos} lines judged, Ctrl-C for the verdict");
     bar.set_prefix(name.clone());
     let mode = args.how.mode()?;
     let mut reader = reader(mode, &name, Tail::new(file, interrupt))?;

@@ -62,14 +62,13 @@ pub(super) struct NumberBits {
 impl NumberBits {
     /// Returns all of them, with their names.
     pub(super) const fn all(self) -> [(&'static str, u32); 6] {
-        let Self { timestamps, instants, deadlines, priorities, backlogs, limits } = self;
         [
-            ("timestamps", timestamps),
-            ("instants", instants),
-            ("deadlines", deadlines),
-            ("priorities", priorities),
-            ("backlogs", backlogs),
-            ("limits", limits),
+            ("timestamps", self.timestamps),
+            ("instants", self.instants),
+            ("deadlines", self.deadlines),
+            ("priorities", self.priorities),
+            ("backlogs", self.backlogs),
+            ("limits", self.limits),
         ]
     }
 }

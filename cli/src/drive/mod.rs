@@ -7,13 +7,11 @@
 mod case;
 mod extent;
 mod junit;
-mod matrix;
 mod options;
 mod peer;
 mod reach;
 mod repeat;
 mod report;
-mod results;
 mod runner;
 mod save;
 mod shrink;
@@ -28,6 +26,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 
+use quick_junit::SerializeError;
 use thiserror::Error;
 
 use self::case::Suite;
@@ -62,7 +61,7 @@ impl From<CommandError> for Fault {
 
 /// Drives the command through all cases and reports the results.
 pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
-    let generator = args.generate();
+    let generator = args.generator();
     let suite = if args.run.is_empty() {
         Suite::whole(generator, args.cases.unwrap_or(u64::MAX))?
     } else {
@@ -71,7 +70,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     if let Some(folder) = args.save.as_deref().filter(|path| path.exists() && !path.is_dir()) {
         return Err(CommandError::NoFolder { path: folder.to_owned() }.into());
     }
-    let outputs = DriveOutputs::new(args, &suite)?;
+    let junit = junit_file(args, &suite)?;
     let mut driver = CaseRunner::new(args, suite);
     let stopped = match driver.all() {
         Ok(()) => None,
@@ -89,10 +88,11 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     };
     let report = driver.finish();
     if let Some(error) = stopped {
-        outputs.write_not_started(&report.name, &error.to_string())?;
+        // Nobody may take an earlier file for this run's.
+        put(junit.as_ref(), || junit::error(&report.name, &error.to_string()))?;
         return Err(error.into());
     }
-    let written = write(args, &outputs, &report);
+    let written = write(args, junit.as_ref(), &report);
     // The verdict is printed even if files cannot be written.
     let mut out = OutputSink::new(anstream::stdout());
     if args.json {
@@ -106,58 +106,29 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Writes all files.
-fn write(args: &Args, outputs: &DriveOutputs, report: &DriveReport) -> Result<(), Fault> {
+fn write(args: &Args, junit: Option<&Output>, report: &DriveReport) -> Result<(), Fault> {
     for entry in &report.findings {
-        save::save(entry, args.results.overwrite)?;
+        save::save(entry, args.overwrite)?;
     }
-    if let Some(output) = &outputs.junit {
-        let text = junit::xml(report).map_err(|error| Fault::Output(io::Error::other(error)))?;
-        output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
-    }
-    outputs.results.write(&[results::judged(report)])?;
-    for (matrix, output) in args.matrix.iter().zip(&outputs.matrix) {
-        let text = matrix.text(report);
-        output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
-    }
-    Ok(())
+    put(junit, || junit::xml(report))
 }
 
-/// The files of the results. None of them is read.
-struct DriveOutputs {
-    junit: Option<Output>,
-    results: crate::results::Outputs,
-    matrix: Vec<Output>,
+fn put(
+    output: Option<&Output>,
+    xml: impl FnOnce() -> Result<String, SerializeError>,
+) -> Result<(), Fault> {
+    let Some(output) = output else { return Ok(()) };
+    let text = xml().map_err(|error| Fault::Output(io::Error::other(error)))?;
+    output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))
 }
 
-impl DriveOutputs {
-    fn new(args: &Args, suite: &Suite) -> Result<Self, Fault> {
-        let read: Vec<&Path> = args.run.iter().map(Path::new).collect();
-        let overwrite = args.results.overwrite;
-        if let Some(folder) = args.save.as_deref().filter(|_| overwrite.force) {
-            for path in suite.fixed.iter().flat_map(|case| save::paths(folder, &case.id, 0, true)) {
-                output::file(&path, &read, overwrite)?;
-            }
+/// Returns the file of `JUnit`, if one is wanted. No file that is written is one that is read.
+fn junit_file(args: &Args, suite: &Suite) -> Result<Option<Output>, Fault> {
+    let read: Vec<&Path> = args.run.iter().map(Path::new).collect();
+    if let Some(folder) = args.save.as_deref().filter(|_| args.overwrite.force) {
+        for path in suite.fixed.iter().flat_map(|case| save::paths(folder, &case.id, 0, true)) {
+            output::file(&path, &read, args.overwrite)?;
         }
-        let output = |path: &Path| Output::new(path, &read, overwrite);
-        Ok(Self {
-            junit: args.junit.as_deref().map(output).transpose()?,
-            results: args.results.outputs(&read)?,
-            matrix: args
-                .matrix
-                .iter()
-                .map(|matrix| output(matrix.path()))
-                .collect::<Result<_, _>>()?,
-        })
     }
-
-    /// Writes that the command could not be started, so that nobody takes an earlier file for this
-    /// run's.
-    fn write_not_started(&self, name: &str, why: &str) -> Result<(), Fault> {
-        if let Some(output) = &self.junit {
-            let text =
-                junit::error(name, why).map_err(|error| Fault::Output(io::Error::other(error)))?;
-            output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
-        }
-        self.results.write(&[results::not_started(name, why)])
-    }
+    args.junit.as_deref().map(|path| Output::new(path, &read, args.overwrite)).transpose()
 }

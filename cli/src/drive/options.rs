@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::ValueEnum;
+use fuseline_testkit::VariedGenerator;
 use fuseline_traces::Commit;
 
-use super::case::{Generate, GeneratorVersion};
-use super::matrix;
+use super::case::MOST_CLOUDS;
 use super::reach::DriveLimits;
-use crate::results::Files;
-use fuseline_evaluation::duration::{SHORTEST, duration};
+use crate::duration::{SHORTEST, duration};
+use crate::output::Overwrite;
 
 /// The number of inputs of generated runs, unless options say otherwise.
 const INPUTS: u64 = 400_000;
@@ -28,8 +28,7 @@ The corpus comes first. Generated runs follow until they have 400,000 inputs in 
 says so. A difference is shown as the smallest run that has it. The verdict says how far the runs went. It names what
 they did not reach, with the option that reaches it.
 
-The same version, seed and number always make the same run. Their names have all three: g2-1-17 is run 17 of
-seed 1 of generator 2; g-1-17 and w-1-17 are runs of generator 1.
+The same seed and number always make the same run. Its name has both: g2-1-17 is run 17 of seed 1.
 
 --commit and --clouds are for partial implementations: drive skips the cases of the corpus that need more, and the
 verdict says how many.
@@ -42,7 +41,7 @@ Examples:
   fuseline drive --inputs 4000000 -- ./my-arbiter
   fuseline drive --commit eager --save found -- python3 traces/examples/arbiter.py
   fuseline drive --run found/g2-1-17.jsonl -- ./my-arbiter
-  fuseline drive --junit drive.xml --matrix drive.html -- ./my-arbiter")]
+  fuseline drive --junit drive.xml -- ./my-arbiter")]
 pub(crate) struct Args {
     /// The number of inputs of all generated runs; 400,000 without this option, --cases and --for.
     #[arg(long, value_name = "N", conflicts_with = "cases")]
@@ -56,9 +55,6 @@ pub(crate) struct Args {
     /// The seed of the generated runs.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The generator of the runs: 1 is the older one, whose seeds keep their runs; 2 finds more.
-    #[arg(long, value_name = "VERSION", default_value = "2")]
-    generator: GeneratorVersion,
     /// The commit rule to drive.
     #[arg(long, value_name = "RULE", default_value = "all")]
     pub(super) commit: CommitRules,
@@ -72,7 +68,7 @@ pub(crate) struct Args {
     /// Drive these instead, in this order and one process: trace files, cases of the corpus,
     /// generated runs such as g2-1-17.
     #[arg(long, value_name = "CASE", num_args = 1..,
-          conflicts_with_all = ["inputs", "cases", "budget", "seed", "generator"])]
+          conflicts_with_all = ["inputs", "cases", "budget", "seed"])]
     pub(super) run: Vec<String>,
     /// The longest time that an answer may take.
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = wait, allow_hyphen_values = true)]
@@ -91,10 +87,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     pub(super) junit: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) results: Files,
-    /// Write a table of all cases, as .md or .html; may be given for both.
-    #[arg(long, value_name = "FILE", value_parser = matrix::TableWriter::new)]
-    pub(super) matrix: Vec<matrix::TableWriter>,
+    pub(super) overwrite: Overwrite,
     /// The command and its arguments.
     #[arg(last = true, required = true)]
     pub(super) command: Vec<OsString>,
@@ -111,14 +104,15 @@ pub(super) enum CommitRules {
 
 impl Args {
     /// Returns the settings that generated runs share.
-    pub(super) const fn generate(&self) -> Generate {
+    pub(super) fn generator(&self) -> VariedGenerator {
         let commit = match self.commit {
             CommitRules::Eager => Some(Commit::Eager),
             CommitRules::Patient => Some(Commit::Patient),
             CommitRules::Progressive => Some(Commit::Progressive),
             CommitRules::All => None,
         };
-        Generate { version: self.generator, seed: self.seed, commit, clouds: self.clouds }
+        let clouds = self.clouds.unwrap_or(MOST_CLOUDS);
+        VariedGenerator { seed: self.seed, commit, clouds }
     }
 
     /// Returns the limits of generated runs.

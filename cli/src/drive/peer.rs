@@ -17,6 +17,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
+use super::trial::DriveStop;
 use crate::interrupt::Interrupt;
 
 /// The line that ends an answer.
@@ -44,10 +45,10 @@ pub(super) struct Peer {
     interrupt: Interrupt,
 }
 
+/// The reason why an exchange ended early.
 #[derive(Debug)]
 pub(super) enum PeerError {
-    /// Ctrl-C.
-    Interrupted,
+    Stop(DriveStop),
     Misbehaved(ProtocolViolation),
 }
 
@@ -237,7 +238,7 @@ impl Peer {
     /// Waits at most this long; says whether it can be read from or written to.
     fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, PeerError> {
         if self.interrupt.is_set() {
-            return Err(PeerError::Interrupted);
+            return Err(PeerError::Stop(DriveStop::Interrupted));
         }
         let most = Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() };
         let mut ends = [match (&self.input, &self.output) {

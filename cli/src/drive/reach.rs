@@ -7,8 +7,9 @@ use fuseline_traces::Commit;
 use indicatif::HumanCount;
 use serde::Serialize;
 
-use super::case::{GeneratorVersion, Suite};
+use super::case::Suite;
 use super::extent::{DrivenExtent, StepRange};
+use crate::duration::in_greatest_unit;
 
 /// A pause, or a step of the clock back, must be at least this long to count as driven, in
 /// nanoseconds: an hour.
@@ -57,7 +58,7 @@ pub(super) fn lines(extent: &DrivenExtent) -> Vec<(&'static str, String)> {
     );
     let range = |name: &str, range: Option<StepRange>| match range {
         Some(StepRange { least, greatest }) => {
-            format!("{name} by {} to {}", duration(least), duration(greatest))
+            format!("{name} by {} to {}", in_greatest_unit(least), in_greatest_unit(greatest))
         }
         None => format!("never {name}"),
     };
@@ -100,10 +101,9 @@ pub(super) fn missing(
         return vec![named("all other cases", "leave out --run")];
     }
     let mut missing = Vec::new();
-    let more = match (generator.version, limits.inputs) {
-        (GeneratorVersion::First, _) => "--generator 2".to_owned(),
-        (_, u64::MAX) => "a greater --for or --cases".to_owned(),
-        (_, inputs) => format!("--inputs {}", inputs.max(LEAST).saturating_mul(TIMES)),
+    let more = match limits.inputs {
+        u64::MAX => "a greater --for or --cases".to_owned(),
+        inputs => format!("--inputs {}", inputs.max(LEAST).saturating_mul(TIMES)),
     };
     let has = |commit: Commit| extent.commits.contains_key(commit.as_str());
     for commit in Commit::ALL.into_iter().filter(|commit| !has(*commit)) {
@@ -113,7 +113,7 @@ pub(super) fn missing(
     if !limits.has_values {
         missing.push(named("the keys of and for", "--values"));
     }
-    let most = usize::from(generator.most_clouds());
+    let most = usize::from(generator.clouds);
     if most < 15 {
         missing.push(named(&format!("more than {most} clouds"), "--clouds 15"));
     }
@@ -156,31 +156,4 @@ pub(super) fn missing(
 
 fn count(number: usize) -> HumanCount {
     HumanCount(number as u64)
-}
-
-/// Returns a duration in its greatest whole unit, for people.
-fn duration(nanoseconds: u64) -> String {
-    const UNITS: [(u64, &str); 7] = [
-        (86_400_000_000_000, "days"),
-        (HOUR, "h"),
-        (60_000_000_000, "min"),
-        (1_000_000_000, "s"),
-        (1_000_000, "ms"),
-        (1_000, "µs"),
-        (1, "ns"),
-    ];
-    let (unit, name) =
-        UNITS.into_iter().find(|(unit, _)| nanoseconds >= *unit).unwrap_or((1, "ns"));
-    format!("{} {name}", HumanCount(nanoseconds / unit))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::duration;
-
-    #[test]
-    fn duration_has_its_greatest_unit() {
-        let texts = [0, 999, 1_000, 59_999_999_999, 86_400_000_000_000, u64::MAX].map(duration);
-        assert_eq!(texts, ["0 ns", "999 ns", "1 µs", "59 s", "1 days", "213,503 days"]);
-    }
 }

@@ -34,6 +34,16 @@ pub(super) enum Need {
     Untried,
 }
 
+impl Need {
+    /// Returns the runs before it that it needs.
+    pub(super) fn runs(&self) -> &[Run] {
+        match self {
+            Self::Before { runs, .. } => runs,
+            Self::Nothing | Self::Unknown | Self::Untried => &[],
+        }
+    }
+}
+
 /// Runs of one process, the last of which shows a finding.
 #[derive(Clone, PartialEq)]
 struct RunSequence {

@@ -5,12 +5,12 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_testkit::Coverage;
+use fuseline_testkit::{Coverage, VariedGenerator};
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use textwrap::{Options, WordSplitter};
 
-use super::case::Suite;
+use super::case::{GENERATOR, MOST_CLOUDS, Suite};
 use super::extent::DrivenExtent;
 use super::peer::ProtocolViolation;
 use super::reach::{DriveLimits, NotDriven, lines, missing};
@@ -145,7 +145,7 @@ impl ReportedFinding {
                     && let Some(violation) = verdict.violations.first()
                 {
                     print_violation(violation, &verdict.file, out)?;
-                    self.print_story(out, "in words")?;
+                    self.print_story(out)?;
                     let [found, expected] = text::both(&violation.found, &violation.expected);
                     writeln!(out, "{INDENT}  found: {found}")?;
                     writeln!(out, "{INDENT}  expected: {expected}")?;
@@ -155,7 +155,7 @@ impl ReportedFinding {
                 writeln!(out, "\n{}: {BAD}{misbehaviour}{BAD:#}", self.location())?;
                 writeln!(out, "  sent last {}", reported.last())?;
                 writeln!(out, "  expected  {EXPECTED}")?;
-                self.print_story(out, "in words")?;
+                self.print_story(out)?;
             }
         }
         match &self.replay {
@@ -168,13 +168,15 @@ impl ReportedFinding {
     fn needs(&self) -> Option<String> {
         match &self.need {
             Need::Nothing | Need::Untried => None,
-            Need::Before { runs, .. } if runs.len() == 1 => Some(
-                "It passes in a process of its own and fails after another run in the same process.".to_owned(),
-            ),
-            Need::Before { runs, .. } => Some(format!(
-                "It passes in a process of its own and fails after {} runs in the same process.",
-                runs.len()
-            )),
+            Need::Before { runs, .. } => {
+                let runs = match runs.len() {
+                    1 => "another run".to_owned(),
+                    count => format!("{count} runs"),
+                };
+                Some(format!(
+                    "It passes in a process of its own and fails after {runs} in the same process."
+                ))
+            }
             Need::Unknown => Some(
                 "It did not appear again, alone or after the runs before it: the command decides \
                  the same inputs differently each time."
@@ -184,7 +186,7 @@ impl ReportedFinding {
     }
 
     /// Prints the smallest run in words, its last input's decisions left out.
-    fn print_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
+    fn print_story(&self, out: &mut impl Write) -> io::Result<()> {
         let events = &self.finding.reported.events;
         let last = events.iter().rposition(|(event, _)| matches!(event, Event::Input(_)));
         let reported = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
@@ -196,7 +198,7 @@ impl ReportedFinding {
                 Event::Input(input) => format!("at {}: ", input.at()),
                 Event::Decision(_) => "  ".to_owned(),
             };
-            let lead = if i == 0 { lead } else { "" };
+            let lead = if i == 0 { "in words" } else { "" };
             writeln!(out, "  {lead:<9} {at}{}", text::event(event))?;
         }
         Ok(())
@@ -306,13 +308,10 @@ impl DriveReport {
 
     /// Says in one line how many cases pass.
     pub(super) fn summary(&self) -> String {
-        let generated =
-            if self.suite.generated > 0 { self.generated_line() } else { String::new() };
-        [self.fixed_line(), generated]
-            .into_iter()
-            .filter(|it| !it.is_empty())
-            .collect::<Vec<_>>()
-            .join("; ")
+        match self.suite.generated {
+            0 => self.fixed_line(),
+            _ => format!("{}; {}", self.fixed_line(), self.generated_line()),
+        }
     }
 
     fn fixed_line(&self) -> String {
@@ -320,10 +319,11 @@ impl DriveReport {
         let mut line = format!("{passed} of {} cases pass", self.fixed.len());
         let failed =
             |mark: &CaseOutcome| matches!(mark, CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves);
-        let names: Vec<_> = self.fixed.iter().filter(|(_, mark)| failed(mark)).collect();
-        for (i, (name, _)) in names.iter().take(NAMED).enumerate() {
-            // Writing to a string does not fail.
-            let _ = write!(line, "{}{name}", if i == 0 { "; not " } else { ", " });
+        let failed = self.fixed.iter().filter(|(_, mark)| failed(mark));
+        let names: Vec<&str> = failed.map(|(name, _)| name.as_str()).collect();
+        // Writing to a string does not fail.
+        if !names.is_empty() {
+            let _ = write!(line, "; not {}", names[..names.len().min(NAMED)].join(", "));
         }
         if names.len() > NAMED {
             let _ = write!(line, " and {} more", names.len() - NAMED);
@@ -333,9 +333,10 @@ impl DriveReport {
             let _ = write!(line, "; {remaining} not run");
         }
         if self.suite.left_out > 0 {
-            let options = match (self.suite.generator.commit, self.suite.generator.clouds) {
-                (Some(_), Some(_)) => "--commit and --clouds",
-                (Some(_), None) => "--commit",
+            let VariedGenerator { commit, clouds, .. } = self.suite.generator;
+            let options = match (commit, clouds < MOST_CLOUDS) {
+                (Some(_), true) => "--commit and --clouds",
+                (Some(_), false) => "--commit",
                 (None, _) => "--clouds",
             };
             let _ = write!(line, "; {} skipped because of {options}", self.suite.left_out);
@@ -346,8 +347,7 @@ impl DriveReport {
     fn generated_line(&self) -> String {
         let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
         let inputs = HumanCount(self.passed_inputs);
-        let generator = self.suite.generator;
-        let source = format!("generator {}, seed {}", generator.version.number(), generator.seed);
+        let source = format!("generator {GENERATOR}, seed {}", self.suite.generator.seed);
         let is_counted = self.limits.inputs == u64::MAX && self.limits.time.is_none();
         let passed = if is_counted && self.passed < self.suite.generated {
             format!("{passed} of {all} runs with {inputs} inputs pass")

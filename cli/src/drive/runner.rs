@@ -1,16 +1,14 @@
 //! Drives the command through the cases of a suite and gathers the results.
 
 use std::ffi::OsString;
-use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
 use fuseline_testkit::Coverage;
-use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar};
 
 use super::case::{CasePlace, DriveCase, Suite};
 use super::extent::DrivenExtent;
-use super::options::{Args, CommitRules};
+use super::options::Args;
 use super::reach::DriveLimits;
 use super::repeat::{Need, RepeatedFinding, repeat};
 use super::report::{CaseOutcome, DriveReport, ReportedFinding};
@@ -19,6 +17,7 @@ use super::shrink::{DriveFinding, FindingKind};
 use super::trial::{Bench, DriveStop, SentCase};
 use crate::diagnostics::print_line;
 use crate::interrupt::Interrupt;
+use crate::progress::styled;
 
 /// Progress is printed this often if there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
@@ -37,15 +36,8 @@ struct CaseDifference {
     sent: Vec<SentCase>,
 }
 
-/// Says whether it makes sense to drive more cases.
-enum DriveProgress {
-    All,
-    Enough,
-}
-
 pub(super) struct CaseRunner<'a> {
     args: &'a Args,
-    limits: DriveLimits,
     bench: Bench,
     bar: ProgressBar,
     since: Instant,
@@ -80,7 +72,7 @@ impl<'a> CaseRunner<'a> {
             extent: DrivenExtent::default(),
         };
         let now = Instant::now();
-        Self { args, limits, bench, bar, since: now, reported: now, report }
+        Self { args, bench, bar, since: now, reported: now, report }
     }
 
     /// Drives all fixed cases, and the generated ones up to the first difference.
@@ -90,21 +82,20 @@ impl<'a> CaseRunner<'a> {
         if let Some((_, difference)) = first {
             self.find(difference);
         }
-        if let DriveProgress::Enough = driven? {
-            return Ok(());
+        if driven? {
+            self.generated()?;
+            self.report.at_end = self.bench.end()?;
         }
-        self.generated()?;
-        self.report.at_end = self.bench.end()?;
         Ok(())
     }
 
     /// Drives the generated cases up to the first difference, or until there are enough.
     fn generated(&mut self) -> Result<(), DriveStop> {
         for number in 0..self.report.suite.generated {
-            if self.report.passed_inputs >= self.limits.inputs {
+            if self.report.passed_inputs >= self.report.limits.inputs {
                 break;
             }
-            if self.limits.time.is_some_and(|time| self.since.elapsed() >= time) {
+            if self.report.limits.time.is_some_and(|time| self.since.elapsed() >= time) {
                 self.report.was_out_of_time = true;
                 break;
             }
@@ -118,20 +109,19 @@ impl<'a> CaseRunner<'a> {
             }
             self.report.passed += 1;
             self.report.passed_inputs += inputs;
-            if self.limits.inputs < u64::MAX {
+            if self.report.limits.inputs < u64::MAX {
                 self.bar.inc(inputs);
             }
         }
         Ok(())
     }
 
-    /// Drives the fixed cases; `first` becomes the difference that shows most.
-    ///
-    /// A command that does not answer, or not by the protocol, is not tried case after case.
+    /// Drives the fixed cases; `first` becomes the difference that shows most. Returns `false` if
+    /// the command does not answer, or not by the protocol, so that no other case is tried.
     fn fixed(
         &mut self,
         first: &mut Option<(DifferenceRank, CaseDifference)>,
-    ) -> Result<DriveProgress, DriveStop> {
+    ) -> Result<bool, DriveStop> {
         let mut misbehaved = 0;
         for (index, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(difference) = self.run(case, CasePlace::Fixed(index))? else {
@@ -141,26 +131,22 @@ impl<'a> CaseRunner<'a> {
             };
             let CaseDifference { case, finding, .. } = &difference;
             self.report.fixed[index].1 = CaseOutcome::of(finding);
-            let is_slow = match &finding.kind {
-                FindingKind::Misbehaves(misbehaviour) => {
-                    misbehaved += 1;
-                    misbehaviour.is_slow()
-                }
-                FindingKind::Breaks(_) => {
-                    misbehaved = 0;
-                    false
-                }
+            let (count, is_slow) = match &finding.kind {
+                FindingKind::Misbehaves(misbehaviour) => (misbehaved + 1, misbehaviour.is_slow()),
+                FindingKind::Breaks(_) => (0, false),
             };
+            misbehaved = count;
             let key = (!is_telling(case, finding), finding.reported.events.len());
             if first.as_ref().is_none_or(|(least, _)| key < *least) {
                 *first = Some((key, difference));
             }
             if is_slow || misbehaved >= PATIENCE {
-                self.report.gave_up = index + 1 < self.report.fixed.len() || !self.limits.is_named;
-                return Ok(DriveProgress::Enough);
+                self.report.gave_up =
+                    index + 1 < self.report.fixed.len() || !self.report.limits.is_named;
+                return Ok(false);
             }
         }
-        Ok(DriveProgress::All)
+        Ok(true)
     }
 
     fn run(
@@ -173,7 +159,7 @@ impl<'a> CaseRunner<'a> {
         if finding.is_none() {
             self.report.extent.add(&case.run, &mut self.report.reach);
         }
-        if self.limits.inputs == u64::MAX || self.limits.is_named {
+        if self.report.limits.inputs == u64::MAX || self.report.limits.is_named {
             self.bar.inc(1);
         }
         self.report.inputs = self.bench.inputs;
@@ -193,7 +179,7 @@ impl<'a> CaseRunner<'a> {
             return format!("{runs} runs; {} cases come first", report.fixed.len());
         }
         let inputs = HumanCount(report.passed_inputs);
-        match (self.limits.inputs, self.args.cases) {
+        match (self.report.limits.inputs, self.args.cases) {
             (u64::MAX, Some(cases)) => {
                 format!("{} of {} generated runs", HumanCount(report.passed), HumanCount(cases))
             }
@@ -210,19 +196,14 @@ impl<'a> CaseRunner<'a> {
             repeat(&mut self.bench, &self.report.suite, finding, &sent);
         // Trials must not affect later runs.
         self.bench.restart();
-        let before = match &need {
-            Need::Before { runs, .. } => runs.len(),
-            Need::Nothing | Need::Unknown | Need::Untried => 0,
-        };
-        let replaces = self.args.results.overwrite.force;
+        let (before, replaces) = (need.runs().len(), self.args.overwrite.force);
         let folder = self.args.save.as_deref();
         let saved = folder.map(|folder| save::paths(folder, &case.id, before, replaces));
-        let saved = saved.unwrap_or_default();
-        let cases = if saved.is_empty() {
-            self.names(&need, &case.name)
-        } else {
-            Some(saved.iter().map(Into::into).collect())
+        let cases = match &saved {
+            Some(saved) => Some(saved.iter().map(Into::into).collect()),
+            None => self.names(&need, &case.name),
         };
+        let saved = saved.unwrap_or_default();
         let replay = cases.map(|cases| self.replay(&cases, !saved.is_empty()));
         let entry = ReportedFinding { case: case.id, of, finding, need, saved, replay };
         self.report.findings.push(entry);
@@ -243,14 +224,12 @@ impl<'a> CaseRunner<'a> {
     /// Returns the command line that shows it again.
     fn replay(&self, cases: &[OsString], are_files: bool) -> String {
         let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
-        if let Some(rule) = self.args.commit.to_possible_value()
-            && !are_files
-            && self.args.commit != CommitRules::All
-        {
-            words.extend(["--commit".into(), rule.get_name().into()]);
-        }
-        if let Some(clouds) = self.args.clouds.filter(|_| !are_files) {
-            words.extend(["--clouds".into(), clouds.to_string().into()]);
+        if !are_files {
+            let commit = self.report.suite.generator.commit;
+            words
+                .extend(commit.iter().flat_map(|rule| ["--commit", rule.as_str()]).map(Into::into));
+            let clouds = self.args.clouds.map(|clouds| clouds.to_string());
+            words.extend(clouds.iter().flat_map(|clouds| ["--clouds", clouds]).map(Into::into));
         }
         if self.args.values {
             words.push("--values".into());
@@ -275,34 +254,19 @@ impl<'a> CaseRunner<'a> {
 }
 
 fn bar(limits: DriveLimits, fixed: u64, cases: Option<u64>) -> ProgressBar {
-    if !io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+    let runs = "{wide_bar} {human_pos} of {human_len} runs, {eta}";
+    match (limits.inputs, cases) {
+        _ if limits.is_named => styled(Some(fixed), runs),
+        (u64::MAX, Some(cases)) => styled(Some(fixed.saturating_add(cases)), runs),
+        (u64::MAX, None) => styled(None, "{spinner} {human_pos} runs, {elapsed}"),
+        (inputs, _) => styled(Some(inputs), "{wide_bar} {human_pos} of {human_len} inputs, {eta}"),
     }
-    let (bar, words) = match (limits.inputs, cases) {
-        _ if limits.is_named => {
-            (ProgressBar::new(fixed), "{wide_bar} {human_pos} of {human_len} runs, {eta}")
-        }
-        (u64::MAX, Some(cases)) => (
-            ProgressBar::new(fixed.saturating_add(cases)),
-            "{wide_bar} {human_pos} of {human_len} runs, {eta}",
-        ),
-        (u64::MAX, None) => (ProgressBar::no_length(), "{spinner} {human_pos} runs, {elapsed}"),
-        (inputs, _) => {
-            (ProgressBar::new(inputs), "{wide_bar} {human_pos} of {human_len} inputs, {eta}")
-        }
-    };
-    let style = ProgressStyle::with_template(words);
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// Returns `true` if a case is one of the rule that it shows broken.
 fn is_telling(case: &DriveCase, finding: &DriveFinding) -> bool {
-    match finding.kind {
-        FindingKind::Breaks(rule) => {
-            case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
-        }
-        FindingKind::Misbehaves(_) => false,
-    }
+    let FindingKind::Breaks(rule) = finding.kind else { return false };
+    case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
 }
 
 /// Returns the words, quoted for a shell.

@@ -4,7 +4,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::repeat::Need;
 use super::report::ReportedFinding;
 use crate::fault::Fault;
 use crate::output;
@@ -27,16 +26,12 @@ pub(super) fn paths(folder: &Path, case: &str, before: usize, replaces: bool) ->
 
 /// Saves the runs that show a finding.
 pub(super) fn save(entry: &ReportedFinding, replaced: output::Overwrite) -> Result<(), Fault> {
-    let mut texts: Vec<Vec<u8>> = Vec::new();
-    if let Need::Before { runs, .. } = &entry.need {
-        for run in runs {
-            let mut text = Vec::new();
-            run.write(&mut text);
-            texts.push(text);
-        }
-    }
-    texts.push(entry.finding.reported.trace());
-    for (path, text) in entry.saved.iter().zip(texts) {
+    let before = entry.need.runs().iter().map(|run| {
+        let mut text = Vec::new();
+        run.write(&mut text);
+        text
+    });
+    for (path, text) in entry.saved.iter().zip(before.chain([entry.finding.reported.trace()])) {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|source| create(folder, source))?;
         }

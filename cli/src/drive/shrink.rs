@@ -153,7 +153,15 @@ fn simplifications(run: &Run) -> Vec<Simplification<Run>> {
 
 fn number_timestamps(run: &mut Run) {
     let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
-    run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
+    for input in &mut run.inputs {
+        if let Input::Open { t, .. }
+        | Input::Offer { t, .. }
+        | Input::Result { t, .. }
+        | Input::Fail { t, .. } = input
+        {
+            *t = rank(&names, *t);
+        }
+    }
 }
 
 fn number_clouds(run: &mut Run) {
@@ -162,8 +170,13 @@ fn number_clouds(run: &mut Run) {
     for cloud in clouds {
         cloud.p = u16::try_from(rank(&names, cloud.p.into())).unwrap_or(cloud.p);
     }
-    let registered = run.inputs.iter_mut().filter_map(priority);
-    registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
+    for input in &mut run.inputs {
+        if let Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } = input
+            && names.contains(p)
+        {
+            *p = rank(&names, *p);
+        }
+    }
 }
 
 /// Returns the size of a run for a reader: its inputs first, then its clouds, its digits and its
@@ -225,23 +238,6 @@ fn replace(input: &mut Input, field: usize, small: Option<u64>) {
     };
     if let Some(small) = small {
         *target = small;
-    }
-}
-
-const fn timestamp(input: &mut Input) -> Option<&mut u64> {
-    match input {
-        Input::Open { t, .. }
-        | Input::Offer { t, .. }
-        | Input::Result { t, .. }
-        | Input::Fail { t, .. } => Some(t),
-        Input::Tick { .. } => None,
-    }
-}
-
-const fn priority(input: &mut Input) -> Option<&mut u64> {
-    match input {
-        Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(p),
-        Input::Open { .. } | Input::Tick { .. } => None,
     }
 }
 

@@ -64,6 +64,7 @@ pub(super) struct Transcript {
 }
 
 /// The reason why driving ends early.
+#[derive(Debug)]
 pub(super) enum DriveStop {
     /// Ctrl-C.
     Interrupted,
@@ -107,21 +108,18 @@ impl Bench {
         run: &Run,
     ) -> Result<(Comparison, Vec<SentCase>), DriveStop> {
         let outcome = self.try_run(run)?;
-        let inputs = match &outcome {
-            Comparison::Same => run.inputs.len(),
+        let (inputs, before) = match &outcome {
+            Comparison::Same => (run.inputs.len(), Vec::new()),
             Comparison::Differs(reported) | Comparison::Misbehaves(reported, _) => {
-                let before = self.sent.clone();
-                let inputs = reported.inputs().count();
-                if self.peer.is_none() {
-                    self.sent.clear();
-                } else {
-                    self.sent.push(SentCase { place, inputs });
-                }
-                return Ok((outcome, before));
+                (reported.inputs().count(), self.sent.clone())
             }
         };
-        self.sent.push(SentCase { place, inputs });
-        Ok((outcome, Vec::new()))
+        if self.peer.is_none() {
+            self.sent.clear();
+        } else {
+            self.sent.push(SentCase { place, inputs });
+        }
+        Ok((outcome, before))
     }
 
     /// Drives the command through a run, up to the first input whose decisions differ.
@@ -144,16 +142,15 @@ impl Bench {
     /// Settles an exchange. A misbehaving command is started again for the next run.
     fn settle<T>(
         &mut self,
-        outcome: Result<T, Interrupted>,
+        outcome: Result<T, PeerError>,
     ) -> Result<Result<T, ProtocolViolation>, DriveStop> {
         let peer_error = match outcome {
             Ok(value) => return Ok(Ok(value)),
-            Err(Interrupted::Stop(stop)) => return Err(stop),
-            Err(Interrupted::PeerError(peer_error)) => peer_error,
+            Err(peer_error) => peer_error,
         };
         self.peer = None;
         match peer_error {
-            PeerError::Interrupted => Err(DriveStop::Interrupted),
+            PeerError::Stop(stop) => Err(stop),
             PeerError::Misbehaved(ProtocolViolation::Ended(status)) if !self.has_answered => {
                 Err(DriveStop::Died(status))
             }
@@ -168,23 +165,23 @@ impl Bench {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
             Err(PeerError::Misbehaved(misbehaviour)) => Ok(Some(misbehaviour)),
-            Err(PeerError::Interrupted) => Err(DriveStop::Interrupted),
+            Err(PeerError::Stop(stop)) => Err(stop),
         }
     }
 
     /// Returns the process that runs, started if none does.
-    fn peer(&mut self) -> Result<&mut Peer, Interrupted> {
+    fn peer(&mut self) -> Result<&mut Peer, PeerError> {
         if self.peer.is_none() {
             let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
             let interrupt = self.interrupt.clone();
             let started = Peer::start(&self.command, complaints, self.wait, interrupt);
-            self.peer = Some(started.map_err(|error| Interrupted::Stop(DriveStop::Start(error)))?);
+            self.peer = Some(started.map_err(|error| PeerError::Stop(DriveStop::Start(error)))?);
             self.sent.clear();
         }
-        self.peer.as_mut().ok_or(Interrupted::Stop(DriveStop::Interrupted))
+        self.peer.as_mut().ok_or(PeerError::Stop(DriveStop::Interrupted))
     }
 
-    fn compare(&mut self, run: &Run, reported: &mut Transcript) -> Result<bool, Interrupted> {
+    fn compare(&mut self, run: &Run, reported: &mut Transcript) -> Result<bool, PeerError> {
         let (mut line, mut answer, mut demands) =
             (header_line(&run.header), Vec::new(), ExpectedDecisions::new());
         let (mut reference, mut values) = (Reference::new(&run.header), HeldValues::default());
@@ -218,7 +215,7 @@ impl Bench {
         Ok(same)
     }
 
-    fn exchange_all(&mut self, run: &Run) -> Result<(), Interrupted> {
+    fn exchange_all(&mut self, run: &Run) -> Result<(), PeerError> {
         let (mut line, mut answer) = (header_line(&run.header), Vec::new());
         self.peer()?.exchange(&line, MORE, &mut answer)?;
         for input in &run.inputs {
@@ -227,7 +224,7 @@ impl Bench {
             self.write(input, &mut line);
             self.peer()?.exchange(&line, FED, &mut answer)?;
         }
-        Ok(self.peer()?.quiet()?)
+        self.peer()?.quiet()
     }
 
     /// Writes an input as it is sent, and returns what it says of its value.
@@ -296,18 +293,6 @@ impl Transcript {
             Event::Input(input) => Some(*input),
             Event::Decision(_) => None,
         })
-    }
-}
-
-/// An error that ends a run early.
-enum Interrupted {
-    PeerError(PeerError),
-    Stop(DriveStop),
-}
-
-impl From<PeerError> for Interrupted {
-    fn from(peer_error: PeerError) -> Self {
-        Self::PeerError(peer_error)
     }
 }
 

@@ -4,162 +4,129 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use fuseline_testkit::Run;
-use fuseline_traces::Violation;
+use fuseline_traces::{Commit, Violation};
 use serde::Serialize;
 
-use super::case::Suite;
+use super::case::GENERATOR;
 use super::extent::DrivenExtent;
 use super::reach::NotDriven;
 use super::repeat::Need;
-use super::report::DriveReport;
+use super::report::{DriveReport, ReportedFinding};
 use super::shrink::FindingKind;
 use crate::exit::Exit;
 
 /// The result of driving a command.
 #[derive(Serialize)]
-pub(super) struct WrittenReport {
-    pub(super) name: String,
+pub(super) struct WrittenReport<'a> {
+    name: &'a str,
     /// The command as a shell reads it.
-    pub(super) command: String,
-    pub(super) conforms: bool,
+    command: &'a str,
+    conforms: bool,
     /// `true` if Ctrl-C ended it.
-    pub(super) interrupted: bool,
-    /// `true` if the cases that were left were not tried, since the command did not answer by the
-    /// protocol.
-    pub(super) gave_up: bool,
-    pub(super) suite: WrittenSuite,
-    pub(super) fixed: Vec<WrittenCase>,
-    pub(super) generated: GeneratedRuns,
-    pub(super) found: Vec<WrittenFinding>,
+    interrupted: bool,
+    /// `true` if cases were not tried since the command did not answer by the protocol.
+    gave_up: bool,
+    suite: WrittenSuite,
+    fixed: Vec<WrittenCase<'a>>,
+    generated: GeneratedRuns<'a>,
+    found: Vec<WrittenFinding<'a>>,
     /// The command's misbehaviour at the end of its input.
-    pub(super) at_end: Option<String>,
-    /// The extent of the runs that passed.
-    pub(super) extent: DrivenExtent,
+    at_end: Option<String>,
+    extent: &'a DrivenExtent,
     /// The parts that were not driven, with the options that reach them.
-    pub(super) not_driven: Vec<NotDriven>,
-    pub(super) inputs: u64,
-    pub(super) seconds: f64,
+    not_driven: Vec<NotDriven>,
+    inputs: u64,
+    seconds: f64,
     /// The number of times that each rule, reason, pair, outcome and edge was met.
-    pub(super) reached: BTreeMap<String, u64>,
+    reached: BTreeMap<String, u64>,
 }
 
 /// The settings that drive the same runs again.
 #[derive(Serialize)]
-pub(super) struct WrittenSuite {
-    pub(super) version: &'static str,
+struct WrittenSuite {
+    version: &'static str,
     /// The fixed cases.
-    pub(super) hash: String,
-    pub(super) generator: u8,
-    pub(super) seed: u64,
-    /// The number of the corpus's cases that were not driven, because they have another commit rule
-    /// or more clouds.
-    pub(super) left_out: usize,
+    hash: String,
+    generator: u8,
+    seed: u64,
+    left_out: usize,
     /// The commit rule of generated runs, or all.
-    pub(super) commit: &'static str,
+    commit: &'static str,
     /// The most clouds of a generated run.
-    pub(super) clouds: u8,
+    clouds: u8,
 }
 
-/// A fixed case.
 #[derive(Serialize)]
-pub(super) struct WrittenCase {
-    pub(super) case: String,
+struct WrittenCase<'a> {
+    case: &'a str,
     /// pass, not run, or how it failed.
-    pub(super) result: String,
+    result: String,
 }
 
-/// The generated runs.
 #[derive(Serialize)]
-pub(super) struct GeneratedRuns {
-    pub(super) runs: u64,
-    pub(super) passed: u64,
+struct GeneratedRuns<'a> {
+    runs: u64,
+    passed: u64,
     /// The inputs of those that passed.
-    pub(super) inputs: u64,
+    inputs: u64,
     /// The case that did not pass.
-    pub(super) failed: Option<String>,
+    failed: Option<&'a str>,
 }
 
 /// A difference, in a smallest run.
 #[derive(Serialize)]
-pub(super) struct WrittenFinding {
-    pub(super) case: String,
-    pub(super) inputs: usize,
+struct WrittenFinding<'a> {
+    case: &'a str,
+    inputs: usize,
     /// The number of inputs that the run had at first.
-    pub(super) of: usize,
-    pub(super) violation: Option<Violation>,
+    of: usize,
+    violation: Option<Violation>,
     /// The breach of the protocol.
-    pub(super) misbehaviour: Option<String>,
-    pub(super) trace: String,
+    misbehaviour: Option<String>,
+    trace: String,
     /// `alone`, `after other runs` of the same process, `not again`, or `not tried`.
-    pub(super) shows: &'static str,
+    shows: &'static str,
     /// The runs before it that it needs, as they are sent.
-    pub(super) before: Vec<String>,
+    before: Vec<String>,
     /// The files, in the order in which they are driven.
-    pub(super) saved: Vec<PathBuf>,
+    saved: &'a [PathBuf],
     /// The command line that shows it again, if one does.
-    pub(super) replay: Option<String>,
+    replay: Option<&'a str>,
 }
 
 impl DriveReport {
     /// Returns the report as one JSON object.
-    pub(super) fn json(&self) -> WrittenReport {
-        let Suite { generator, generated, .. } = &self.suite;
-        let entries = self.findings.iter().map(|entry| {
-            let verdict = entry.verdict();
-            let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
-            let misbehaviour = match &entry.finding.kind {
-                FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
-                FindingKind::Breaks(_) => None,
-            };
-            WrittenFinding {
-                case: entry.case.clone(),
-                inputs: entry.finding.reported.inputs().count(),
-                of: entry.of,
-                violation: violation.cloned(),
-                misbehaviour,
-                trace: String::from_utf8_lossy(&entry.finding.reported.trace()).into_owned(),
-                shows: match &entry.need {
-                    Need::Nothing => "alone",
-                    Need::Before { .. } => "after other runs",
-                    Need::Unknown => "not again",
-                    Need::Untried => "not tried",
-                },
-                before: match &entry.need {
-                    Need::Before { runs, .. } => runs.iter().map(text).collect(),
-                    Need::Nothing | Need::Unknown | Need::Untried => Vec::new(),
-                },
-                saved: entry.saved.clone(),
-                replay: entry.replay.clone(),
-            }
-        });
-        let fixed = self.fixed.iter();
+    pub(super) fn json(&self) -> WrittenReport<'_> {
+        let suite = &self.suite;
         WrittenReport {
-            name: self.name.clone(),
-            command: self.command.clone(),
+            name: &self.name,
+            command: &self.command,
             conforms: self.exit() == Exit::Conforms,
             interrupted: self.was_interrupted,
             gave_up: self.gave_up,
             suite: WrittenSuite {
                 version: env!("CARGO_PKG_VERSION"),
-                hash: format!("sha256:{}", self.suite.hash()),
-                generator: generator.version.number(),
-                seed: generator.seed,
-                left_out: self.suite.left_out,
-                commit: generator.commit.map_or("all", fuseline_traces::Commit::as_str),
-                clouds: generator.most_clouds(),
+                hash: format!("sha256:{}", suite.hash()),
+                generator: GENERATOR,
+                seed: suite.generator.seed,
+                left_out: suite.left_out,
+                commit: suite.generator.commit.map_or("all", Commit::as_str),
+                clouds: suite.generator.clouds,
             },
-            fixed: fixed
-                .map(|(id, mark)| WrittenCase { case: id.clone(), result: mark.word() })
+            fixed: self
+                .fixed
+                .iter()
+                .map(|(case, mark)| WrittenCase { case, result: mark.word() })
                 .collect(),
             generated: GeneratedRuns {
-                runs: *generated,
+                runs: suite.generated,
                 passed: self.passed,
                 inputs: self.passed_inputs,
-                failed: self.failed.as_ref().map(|(id, _)| id.clone()),
+                failed: self.failed.as_ref().map(|(id, _)| id.as_str()),
             },
-            found: entries.collect(),
+            found: self.findings.iter().map(WrittenFinding::new).collect(),
             at_end: self.at_end.as_ref().map(ToString::to_string),
-            extent: self.extent.clone(),
+            extent: &self.extent,
             not_driven: self.not_driven(),
             inputs: self.inputs,
             seconds: self.took.as_secs_f64(),
@@ -168,9 +135,40 @@ impl DriveReport {
     }
 }
 
+impl<'a> WrittenFinding<'a> {
+    fn new(entry: &'a ReportedFinding) -> Self {
+        let misbehaviour = match &entry.finding.kind {
+            FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
+            FindingKind::Breaks(_) => None,
+        };
+        let verdict = entry.verdict();
+        Self {
+            case: &entry.case,
+            inputs: entry.finding.reported.inputs().count(),
+            of: entry.of,
+            violation: verdict.and_then(|verdict| verdict.violations.into_iter().next()),
+            misbehaviour,
+            trace: text(entry.finding.reported.trace()),
+            shows: match entry.need {
+                Need::Nothing => "alone",
+                Need::Before { .. } => "after other runs",
+                Need::Unknown => "not again",
+                Need::Untried => "not tried",
+            },
+            before: entry.need.runs().iter().map(sent).collect(),
+            saved: &entry.saved,
+            replay: entry.replay.as_deref(),
+        }
+    }
+}
+
 /// Returns a run as it is sent.
-fn text(run: &Run) -> String {
-    let mut text = Vec::new();
-    run.write(&mut text);
-    String::from_utf8_lossy(&text).into_owned()
+fn sent(run: &Run) -> String {
+    let mut bytes = Vec::new();
+    run.write(&mut bytes);
+    text(bytes)
+}
+
+fn text(bytes: Vec<u8>) -> String {
+    String::from_utf8_lossy(&bytes).into_owned()
 }

@@ -5,7 +5,7 @@ mod sarif;
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use fuseline_traces::{Doubt, Rule, Verdict, Violation};
 
@@ -17,24 +17,14 @@ use crate::verdict::{self, plain, print_doubts, print_summary, print_violation};
 /// A rule's identifier and its sentence.
 type RuleText = (&'static str, &'static str);
 
-/// The options that name the files.
-#[derive(clap::Args)]
-pub(crate) struct Files {
-    /// Write violations as SARIF, which code hosts show beside the change.
-    #[arg(long, value_name = "FILE")]
-    sarif: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) overwrite: Overwrite,
-}
-
 /// The files of the results, and the writer of each.
-pub(crate) struct Outputs(Vec<(Output, ResultWriter)>, Overwrite);
+pub(crate) struct Outputs(Vec<(Output, ResultWriter)>);
 
 type ResultWriter = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
-/// The subject of a verdict: a trace, or a command that was driven.
+/// The verdict on a trace.
 pub(crate) struct Subject {
-    /// The trace's name, or the command's.
+    /// The trace's name.
     pub(crate) name: String,
     pub(crate) conforms: bool,
     /// The verdict in a few lines; or why there is none.
@@ -64,33 +54,20 @@ pub(crate) struct Problem {
     pub(crate) text: String,
 }
 
-impl Files {
+impl Outputs {
+    /// Returns the files that are wanted.
+    ///
     /// # Errors
     /// If a file cannot be written, or is one of `inputs`.
-    pub(crate) fn outputs(&self, inputs: &[&Path]) -> Result<Outputs, Fault> {
-        let mut outputs = Outputs(Vec::new(), self.overwrite);
-        outputs.add(self.sarif.as_deref(), inputs, sarif::write)?;
-        Ok(outputs)
-    }
-}
-
-impl Outputs {
-    /// # Errors
-    /// If the file cannot be written, or is one of `inputs`.
-    pub(crate) fn add_junit(&mut self, path: Option<&Path>, inputs: &[&Path]) -> Result<(), Fault> {
-        self.add(path, inputs, junit::write)
-    }
-
-    fn add(
-        &mut self,
-        path: Option<&Path>,
+    pub(crate) fn new(
+        [sarif, junit]: [Option<&Path>; 2],
         inputs: &[&Path],
-        format: ResultWriter,
-    ) -> Result<(), Fault> {
-        if let Some(path) = path {
-            self.0.push((Output::new(path, inputs, self.1)?, format));
-        }
-        Ok(())
+        overwrite: Overwrite,
+    ) -> Result<Self, Fault> {
+        let wanted = [(sarif, sarif::write as ResultWriter), (junit, junit::write)];
+        let wanted = wanted.into_iter().filter_map(|(path, write)| Some((path?, write)));
+        let open = |(path, write)| Ok::<_, Fault>((Output::new(path, inputs, overwrite)?, write));
+        wanted.map(open).collect::<Result<_, _>>().map(Self)
     }
 
     /// Returns `true` if nothing is to be written.
@@ -153,6 +130,6 @@ fn rules(judged: &[Subject]) -> BTreeMap<&'static str, &'static str> {
     Rule::ALL.into_iter().map(text_of).chain(broken).collect()
 }
 
-pub(crate) const fn text_of(rule: Rule) -> RuleText {
+const fn text_of(rule: Rule) -> RuleText {
     (rule.id(), rule.sentence())
 }
