@@ -4,11 +4,11 @@
 //! They are written as text, with the keys in alphabetical order. Building them as values of a JSON
 //! library took most of the time.
 
-use std::borrow::Cow;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::{self, Write};
+use std::mem;
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, ValueKeys};
 use ring::digest::{SHA256, digest as digest_of};
@@ -20,8 +20,7 @@ pub(super) struct SpanWriter<W> {
     out: W,
     commit: Commit,
     operator: String,
-    /// The names of the operator, local and the clouds, in JSON.
-    operator_name: String,
+    /// The names of local and the clouds, in JSON.
     names: BTreeMap<u64, String>,
     open: BTreeMap<u64, MessageSpan>,
     /// The timestamp that was opened last and may still be refused, and the newest one before it.
@@ -35,7 +34,8 @@ pub(super) struct SpanWriter<W> {
     lost: BTreeMap<&'static str, (u64, u64)>,
     /// The instant of the last line, and of the last line that is in a span.
     ends: (u64, u64),
-    is_first: bool,
+    /// The text before the next span.
+    separator: &'static str,
 }
 
 const OUTPUT: &str = "outputs beyond the one that a message's span has";
@@ -46,45 +46,34 @@ const END: &str = "instants after the last span, at which something open may be 
 
 /// A message that has not ended.
 struct MessageSpan {
-    trace_id: String,
-    span_id: String,
-    start: u64,
-    attributes: SpanAttributes,
+    span: Span,
     /// Under progressive, the source of the last output, and the instant at which it was sent.
     by: Option<(u64, u64)>,
-    /// The requests, by their priority and attempt.
-    asked: BTreeSet<(u64, Option<u8>)>,
-    /// Local and the requests that have not ended, by their priority and attempt.
-    calls: BTreeMap<(u64, Option<u8>), CallSpan>,
+    asked: BTreeSet<CallKey>,
+    /// Local and the requests that have not ended.
+    calls: BTreeMap<CallKey, Span>,
 }
 
-struct CallSpan {
-    start: u64,
-    attributes: SpanAttributes,
-}
-
-/// An entry of a span's list of attributes.
-#[derive(Default)]
-struct SpanAttributes(String);
-
-/// A span that has ended.
-struct EndedSpan<'a> {
-    trace_id: &'a str,
-    span_id: &'a str,
+/// A span that has not ended.
+struct Span {
+    trace_id: String,
+    span_id: String,
     /// `None` for a message's span.
-    parent: Option<&'a str>,
-    /// The value in JSON.
-    name: &'a str,
+    parent: Option<String>,
+    /// The name in JSON.
+    name: String,
     kind: u8,
     start: u64,
-    end: u64,
-    code: u8,
-    attributes: &'a SpanAttributes,
+    /// The list of attributes in JSON.
+    attributes: String,
 }
 
-/// The end of a span.
+/// The priority and the attempt of a request.
+type CallKey = (u64, Option<u8>);
+
+/// The end of a call.
 #[derive(Clone, Copy)]
-enum SpanEnd {
+enum CallEnd {
     Result(ValueKeys),
     Failed,
     /// A timer or a cancellation ended it.
@@ -96,9 +85,8 @@ enum SpanEnd {
 impl<W: Write> SpanWriter<W> {
     pub(super) fn new(mut out: W, header: &Header) -> io::Result<Self> {
         let operator = header.operator.clone().unwrap_or_else(|| "operator".to_owned());
-        let mut service = SpanAttributes::default();
-        service.text("service.name", &operator);
-        let SpanAttributes(service) = service;
+        let mut service = String::new();
+        attribute(&mut service, "service.name", "stringValue", &in_json(&operator));
         write!(out, r#"{{"resourceSpans":[{{"resource":{{"attributes":[{service}]}},"#)?;
         write!(out, r#""scopeSpans":[{{"scope":{{"name":"fuseline"}},"spans":["#)?;
         let clouds = header
@@ -108,7 +96,6 @@ impl<W: Write> SpanWriter<W> {
         Ok(Self {
             out,
             commit: header.commit,
-            operator_name: in_json(&operator),
             operator,
             names: clouds.chain([(0, in_json("local"))]).collect(),
             open: BTreeMap::new(),
@@ -117,7 +104,7 @@ impl<W: Write> SpanWriter<W> {
             pending: None,
             lost: BTreeMap::new(),
             ends: (0, 0),
-            is_first: true,
+            separator: "",
         })
     }
 
@@ -134,7 +121,7 @@ impl<W: Write> SpanWriter<W> {
 
     fn input(&mut self, input: &Input, annotations: &Annotations) -> io::Result<()> {
         self.opened = None;
-        match *input {
+        let (at, t, p, end) = match *input {
             Input::Open { at, t, deadline } => {
                 // A refused open leaves the open message unchanged.
                 if self.newest.is_some_and(|newest| t <= newest) {
@@ -144,51 +131,51 @@ impl<W: Write> SpanWriter<W> {
                 self.newest = before.max(Some(t));
                 if let Entry::Vacant(place) = self.open.entry(t) {
                     let mut message = MessageSpan::new(&self.operator, at, t, annotations);
-                    message.attributes.optional("fuseline.deadline", deadline);
+                    note(&mut message.span, [("fuseline.deadline", deadline)]);
                     place.insert(message);
                     self.opened = Some((t, before));
                 }
-                Ok(())
+                return Ok(());
             }
             Input::Result { t, .. } | Input::Fail { t, .. }
                 if self.newest.is_none_or(|newest| t > newest) =>
             {
                 self.pending = Some((STRANGER, t));
-                Ok(())
+                return Ok(());
             }
-            Input::Result { at, t, p } => {
-                self.end_call(at, t, p, annotations.attempt, SpanEnd::Result(annotations.value()))
-            }
-            Input::Fail { at, t, p } => {
-                self.end_call(at, t, p, annotations.attempt, SpanEnd::Failed)
-            }
-            Input::Offer { .. } | Input::Tick { .. } => Ok(()),
-        }
+            Input::Result { at, t, p } => (at, t, p, CallEnd::Result(annotations.value())),
+            Input::Fail { at, t, p } => (at, t, p, CallEnd::Failed),
+            Input::Offer { .. } | Input::Tick { .. } => return Ok(()),
+        };
+        self.end_calls(at, t, |call| call == (p, annotations.attempt), end)
     }
 
     fn decision(&mut self, decision: &Decision, annotations: &Annotations) -> io::Result<()> {
         match *decision {
             Decision::Request { at, t, p, due } => {
-                if let Some(message) = self.open.get_mut(&t) {
-                    let attempt = annotations.attempt;
-                    let mut attributes = SpanAttributes::default();
-                    attributes.number("fuseline.p", p);
-                    attributes.number("fuseline.deadline", due - at.min(due));
-                    attributes.optional("fuseline.try", attempt.map(u64::from));
-                    let call = CallSpan { start: at, attributes };
-                    if message.asked.insert((p, attempt)) {
-                        message.calls.insert((p, attempt), call);
-                    } else {
-                        self.loses(REQUEST, t);
+                let call = (p, annotations.attempt);
+                let name =
+                    self.names.get(&p).cloned().unwrap_or_else(|| in_json(&format!("cloud-{p}")));
+                let asked = self.open.get_mut(&t).map(|message| {
+                    let is_first = message.asked.insert(call);
+                    if is_first {
+                        let span = message.call(call, name, at, Some(due - at.min(due)));
+                        message.calls.insert(call, span);
                     }
-                } else {
-                    self.loses_late(REQUEST, t);
+                    is_first
+                });
+                match asked {
+                    None => self.loses_late(REQUEST, t),
+                    Some(false) => self.loses(REQUEST, t),
+                    Some(true) => {}
                 }
                 Ok(())
             }
-            Decision::Timer { at, t, p } => self.end_calls(at, t, p, SpanEnd::EndedByCaller("due")),
+            Decision::Timer { at, t, p } => {
+                self.end_calls(at, t, |(of, _)| of == p, CallEnd::EndedByCaller("due"))
+            }
             Decision::Cancel { at, t, p } => {
-                self.end_calls(at, t, p, SpanEnd::EndedByCaller("cancelled"))
+                self.end_calls(at, t, |(of, _)| of == p, CallEnd::EndedByCaller("cancelled"))
             }
             Decision::Emit { at, t, p } if self.commit == Commit::Progressive => {
                 match self.open.get_mut(&t).map(|message| message.by.replace((p, at))) {
@@ -227,54 +214,37 @@ impl<W: Write> SpanWriter<W> {
         }
     }
 
-    fn end_calls(&mut self, at: u64, t: u64, p: u64, end: SpanEnd) -> io::Result<()> {
-        let Some(message) = self.open.get(&t) else { return Ok(()) };
-        let attempts: Vec<_> = message.calls.keys().filter(|(of, _)| *of == p).copied().collect();
-        attempts.into_iter().try_for_each(|(p, attempt)| self.end_call(at, t, p, attempt, end))
-    }
-
-    fn end_call(
+    /// Ends the calls of a message that `is_meant` selects.
+    fn end_calls(
         &mut self,
         at: u64,
         t: u64,
-        p: u64,
-        attempt: Option<u8>,
-        end: SpanEnd,
+        is_meant: impl Fn(CallKey) -> bool,
+        end: CallEnd,
     ) -> io::Result<()> {
         let Some(message) = self.open.get_mut(&t) else { return Ok(()) };
-        let Some(call) = message.calls.remove(&(p, attempt)) else { return Ok(()) };
-        let CallSpan { start, mut attributes } = call;
-        let (code, end) = match end {
-            SpanEnd::Result(value) => {
-                attributes.value(value);
-                (1, at)
-            }
-            SpanEnd::Failed => (2, at),
-            SpanEnd::EndedByCaller(how) => {
-                attributes.text("fuseline.ended", how);
-                (0, at)
-            }
-            SpanEnd::Open => (0, 0),
-        };
-        let MessageSpan { trace_id, span_id: parent, .. } = &*message;
-        let span_id = digest(&format!("{parent}/{p}/{attempt:?}"), 8);
-        let unnamed = || in_json(&format!("cloud-{p}"));
-        let name = self.names.get(&p).map_or_else(|| Cow::Owned(unnamed()), Cow::from);
-        let span = EndedSpan {
-            trace_id,
-            span_id: &span_id,
-            parent: Some(parent),
-            name: &name,
-            kind: if p == 0 { 1 } else { 3 },
-            start,
-            end,
-            code,
-            attributes: &attributes,
-        };
-        span.write(&mut self.out, &mut self.is_first)
+        let ended: Vec<_> = message.calls.keys().copied().filter(|call| is_meant(*call)).collect();
+        let ended: Vec<_> = ended.iter().filter_map(|call| message.calls.remove(call)).collect();
+        for mut span in ended {
+            let (code, at) = match end {
+                CallEnd::Result(value) => {
+                    note(&mut span, keys(value));
+                    (1, at)
+                }
+                CallEnd::Failed => (2, at),
+                CallEnd::EndedByCaller(how) => {
+                    note_text(&mut span, "fuseline.ended", how);
+                    (0, at)
+                }
+                CallEnd::Open => (0, 0),
+            };
+            self.write(&span, at, code)?;
+        }
+        Ok(())
     }
 
-    /// Ends a message at `at`, which is `None` if the trace ends first.
+    /// Ends a message, and the calls that nothing waits for any more, at `at`, which is `None` if
+    /// the trace ends first.
     fn end_message(
         &mut self,
         at: Option<u64>,
@@ -282,116 +252,105 @@ impl<W: Write> SpanWriter<W> {
         by: Option<u64>,
         value: ValueKeys,
     ) -> io::Result<()> {
-        self.end_open_calls(at, t)?;
-        let Some(message) = self.open.remove(&t) else { return Ok(()) };
-        let MessageSpan { trace_id, span_id, start, mut attributes, by: sent, .. } = message;
+        let end = if at.is_none() { CallEnd::Open } else { CallEnd::EndedByCaller("retired") };
+        self.end_calls(at.unwrap_or(0), t, |_| true, end)?;
+        let Some(MessageSpan { mut span, by: sent, .. }) = self.open.remove(&t) else {
+            return Ok(());
+        };
         // Under progressive a message stays open after its output.
         let sent = sent.map(|(_, sent)| sent).filter(|sent| Some(*sent) != at);
-        attributes.optional("fuseline.latency", sent.map(|sent| sent.saturating_sub(start)));
-        attributes.optional("fuseline.by", by);
-        attributes.value(value);
-        let span = EndedSpan {
-            trace_id: &trace_id,
-            span_id: &span_id,
-            parent: None,
-            name: &self.operator_name,
-            kind: 1,
-            start,
-            end: at.unwrap_or(0),
-            code: if by.is_some() || at.is_none() { 1 } else { 2 },
-            attributes: &attributes,
-        };
-        span.write(&mut self.out, &mut self.is_first)
+        let latency = sent.map(|sent| sent.saturating_sub(span.start));
+        note(&mut span, [("fuseline.latency", latency), ("fuseline.by", by)]);
+        note(&mut span, keys(value));
+        let code = if by.is_some() || at.is_none() { 1 } else { 2 };
+        self.write(&span, at.unwrap_or(0), code)
     }
 
-    /// Ends the calls that nothing waits for when their message ends. `at` is `None` if the trace
-    /// ends first.
-    fn end_open_calls(&mut self, at: Option<u64>, t: u64) -> io::Result<()> {
-        let Some(message) = self.open.get(&t) else { return Ok(()) };
-        let calls: Vec<_> = message.calls.keys().copied().collect();
-        let end = if at.is_none() { SpanEnd::Open } else { SpanEnd::EndedByCaller("retired") };
-        let at = at.unwrap_or(0);
-        calls.into_iter().try_for_each(|(p, attempt)| self.end_call(at, t, p, attempt, end))
-    }
-}
-
-impl EndedSpan<'_> {
-    fn write(&self, out: &mut impl Write, is_first: &mut bool) -> io::Result<()> {
-        let comma = if std::mem::take(is_first) { "" } else { "," };
-        let Self { attributes: SpanAttributes(attributes), end, kind, name, .. } = self;
+    fn write(&mut self, span: &Span, end: u64, code: u8) -> io::Result<()> {
+        let Span { trace_id, span_id, parent, name, kind, start, attributes } = span;
+        let comma = mem::replace(&mut self.separator, ",");
+        let out = &mut self.out;
         write!(out, "{comma}\n{{\"attributes\":[{attributes}],\"endTimeUnixNano\":\"{end}\",")?;
         write!(out, "\"kind\":{kind},\"name\":{name},")?;
-        if let Some(parent) = self.parent {
+        if let Some(parent) = parent {
             write!(out, "\"parentSpanId\":\"{parent}\",")?;
         }
-        let Self { span_id, start, code, trace_id, .. } = self;
         write!(out, "\"spanId\":\"{span_id}\",\"startTimeUnixNano\":\"{start}\",")?;
         write!(out, "\"status\":{{\"code\":{code}}},\"traceId\":\"{trace_id}\"}}")
     }
 }
 
-impl SpanAttributes {
-    fn number(&mut self, key: &str, value: u64) {
-        self.separate();
-        // Writing to a string cannot fail.
-        let _ = write!(self.0, r#"{{"key":"{key}","value":{{"intValue":"{value}"}}}}"#);
-    }
-
-    fn optional(&mut self, key: &str, value: Option<u64>) {
-        if let Some(value) = value {
-            self.number(key, value);
-        }
-    }
-
-    /// Writes the keys of a result's or an output's value.
-    fn value(&mut self, ValueKeys { of, meant_for }: ValueKeys) {
-        self.optional("fuseline.of", of);
-        self.optional("fuseline.for", meant_for);
-    }
-
-    fn text(&mut self, key: &str, value: &str) {
-        self.separate();
-        let value = in_json(value);
-        let _ = write!(self.0, r#"{{"key":"{key}","value":{{"stringValue":{value}}}}}"#);
-    }
-
-    fn separate(&mut self) {
-        if !self.0.is_empty() {
-            self.0.push(',');
+/// Adds the numbers that are there to a span's attributes.
+fn note<const N: usize>(span: &mut Span, numbers: [(&str, Option<u64>); N]) {
+    for (key, number) in numbers {
+        if let Some(number) = number {
+            attribute(&mut span.attributes, key, "intValue", &format!("\"{number}\""));
         }
     }
 }
 
+fn note_text(span: &mut Span, key: &str, text: &str) {
+    attribute(&mut span.attributes, key, "stringValue", &in_json(text));
+}
+
+/// Adds an attribute, whose value is in JSON, to a list in JSON.
+fn attribute(list: &mut String, key: &str, kind: &str, value: &str) {
+    let comma = if list.is_empty() { "" } else { "," };
+    // Writing to a string cannot fail.
+    let _ = write!(list, r#"{comma}{{"key":"{key}","value":{{"{kind}":{value}}}}}"#);
+}
+
+/// Returns the keys of a result's or an output's value.
+const fn keys(ValueKeys { of, meant_for }: ValueKeys) -> [(&'static str, Option<u64>); 2] {
+    [("fuseline.of", of), ("fuseline.for", meant_for)]
+}
+
 impl MessageSpan {
     fn new(operator: &str, at: u64, t: u64, annotations: &Annotations) -> Self {
-        let mut attributes = SpanAttributes::default();
-        attributes.number("fuseline.t", t);
-        let Annotations { within, age, origin, .. } = annotations;
-        attributes.optional("fuseline.within", *within);
-        attributes.optional("fuseline.age", *age);
-        // The spans of a frame in several operators are one trace.
         let own = digest(&format!("{operator}/{t}"), 16);
-        let mut span_id = own.clone();
-        span_id.truncate(16);
-        let mut trace_id = own;
+        let mut span = Span {
+            span_id: own[..16].to_owned(),
+            trace_id: own,
+            parent: None,
+            name: in_json(operator),
+            kind: 1,
+            start: at,
+            attributes: String::new(),
+        };
+        let Annotations { within, age, origin, .. } = annotations;
+        note(&mut span, [("fuseline.t", Some(t)), ("fuseline.within", *within)]);
+        note(&mut span, [("fuseline.age", *age)]);
         if let Some(origin) = origin {
-            attributes.text("fuseline.origin", &origin.stream);
+            note_text(&mut span, "fuseline.origin", &origin.stream);
+            note(&mut span, [("fuseline.seq", origin.seq)]);
+            // The spans of a frame in several operators are one trace.
             if let Some(seq) = origin.seq {
-                attributes.number("fuseline.seq", seq);
-                trace_id = digest(&format!("{}/{seq}", origin.stream), 16);
+                span.trace_id = digest(&format!("{}/{seq}", origin.stream), 16);
             }
         }
-        let mut local = CallSpan { start: at, attributes: SpanAttributes::default() };
-        local.attributes.number("fuseline.p", 0);
-        Self {
-            trace_id,
-            span_id,
-            start: at,
-            attributes,
-            by: None,
-            asked: BTreeSet::new(),
-            calls: BTreeMap::from([((0, None), local)]),
-        }
+        let mut message = Self { span, by: None, asked: BTreeSet::new(), calls: BTreeMap::new() };
+        let local = message.call((0, None), in_json("local"), at, None);
+        message.calls.insert((0, None), local);
+        message
+    }
+
+    /// Returns the span of a call that begins.
+    fn call(&self, call: CallKey, name: String, start: u64, deadline: Option<u64>) -> Span {
+        let (p, attempt) = call;
+        let Span { trace_id, span_id: parent, .. } = &self.span;
+        let mut span = Span {
+            trace_id: trace_id.clone(),
+            span_id: digest(&format!("{parent}/{p}/{attempt:?}"), 8),
+            parent: Some(parent.clone()),
+            name,
+            kind: if p == 0 { 1 } else { 3 },
+            start,
+            attributes: String::new(),
+        };
+        let attempt = attempt.map(u64::from);
+        note(&mut span, [("fuseline.p", Some(p)), ("fuseline.deadline", deadline)]);
+        note(&mut span, [("fuseline.try", attempt)]);
+        span
     }
 }
 
