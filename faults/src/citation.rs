@@ -255,39 +255,4 @@ fn regex(pattern: &str) -> Regex {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn set<const N: usize>(ids: [&str; N]) -> BTreeSet<String> {
-        ids.map(String::from).into()
-    }
-
-    #[test]
-    fn a_range_stands_for_all_between_and_the_gate_among_the_rules() {
-        assert_eq!(identifiers("see F1–F3 and P2"), set(["F1", "F2", "F2g", "F3", "P2"]));
-        assert_eq!(named("p1_to_p3_and_p11_hold"), set(["P1", "P2", "P3", "P11"]));
-    }
-
-    #[test]
-    fn a_word_that_only_begins_like_an_identifier_is_none() {
-        assert_eq!(identifiers("F3x XP2 f1 A A100 P99"), set([]));
-        assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
-    }
-
-    #[test]
-    fn a_test_of_python_cites_by_what_is_between_its_decorators_and_the_next_one() {
-        let text = "# D8.\n@given(\n)\ndef test_a(\n    run: Run,\n) -> None:\n    \"\"\"D9.\"\"\"\n\n    # A3.\n\n\n\
-            # F8\ndef test_b() -> None:\n    pass\n";
-        let found = python_function(text, "test_a").expect("it is there");
-        assert_eq!(identifiers(&found), set(["A3", "D8", "D9"]));
-        assert_eq!(python_function(text, "test_"), None);
-    }
-
-    #[test]
-    fn a_test_cites_by_its_name_its_documentation_and_its_body() {
-        let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F8\n";
-        let found = function(text, "p2_never").expect("it is there");
-        assert_eq!(identifiers(&found), ["A3", "F1"].map(String::from).into());
-        assert_eq!(named("p2_never"), ["P2".to_owned()].into());
-    }
-}
+mod tests;
