@@ -52,7 +52,7 @@ fn folder_that_takes_no_files_is_reported_first() {
 
 #[test]
 fn senseless_scenario_is_one_line_with_a_remedy() {
-    let cases: [(&[&str], &str); 12] = [
+    let cases: [(&[&str], &str); 13] = [
         (&["traffic-jam", "--speed", "0"], "write a number of m/s from 0.1 to 150; see --help"),
         (
             &["traffic-jam", "--deadline", "soon"],
@@ -67,6 +67,7 @@ fn senseless_scenario_is_one_line_with_a_remedy() {
         (&["jaywalking", "--response", "0.5"], "such as 0.5s: write 0.5s"),
         (&["networks", "--policy", "never"], "write local, cloud, first, guard, expected or"),
         (&["networks", "--drive", "nowhere"], "no built-in drive and no readable file"),
+        (&["arbitrage", "--json", "--markdown"], "cannot be used with '--markdown'; see --help"),
         (&["networks", "--trace", "never-made"], "choose fewer with --drive, --speed"),
     ];
     for (args, message) in cases {

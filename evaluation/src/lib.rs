@@ -15,12 +15,12 @@ pub mod models;
 mod networks;
 mod operator;
 mod options;
-mod paint;
 mod paper;
 mod planner;
 pub mod plot;
 mod reaction;
 mod red_light;
+mod report;
 mod shape;
 #[cfg(test)]
 mod tests;

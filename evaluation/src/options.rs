@@ -10,6 +10,7 @@ use crate::ScenarioError;
 use crate::approach::Vehicle;
 use crate::duration::{SHORTEST, duration, seconds};
 use crate::plot::{Folder, FolderError, PageContent, Plot, page_of, show};
+use crate::report::{self, Report};
 
 /// The heading of a scenario's page, its caption, and the limits of the model.
 pub(crate) type PageHead = [&'static str; 3];
@@ -19,7 +20,10 @@ pub(crate) type PageHead = [&'static str; 3];
 pub(crate) struct OutputOptions {
     /// Print one JSON object with every figure and the parameters in force.
     #[arg(long)]
-    pub(crate) json: bool,
+    json: bool,
+    /// Print the tables and notes as Markdown.
+    #[arg(long, conflicts_with = "json")]
+    markdown: bool,
     /// Leave the trace of each run in this folder, for fuseline check.
     #[arg(long, value_name = "DIR")]
     pub(crate) trace: Option<PathBuf>,
@@ -42,8 +46,9 @@ impl OutputOptions {
         Ok([open(&self.trace)?, open(&self.output)?])
     }
 
-    /// Writes the page if its folder is wanted. Prints the result as one JSON object or as text, in
-    /// colour on a terminal, with the page's path. Only the page needs `plots`.
+    /// Writes the page if its folder is wanted. Prints the result as one JSON object with the
+    /// page's path, or the reports as Markdown, or as text with the path, in colour on a terminal.
+    /// Only the page needs `plots`.
     ///
     /// # Errors
     /// Returns an error if the folder or standard output cannot be written.
@@ -52,20 +57,23 @@ impl OutputOptions {
         mut out: &mut dyn Write,
         page: Option<Folder>,
         [title, words @ ..]: PageHead,
-        (result, text): (&impl Serialize, &str),
+        (result, reports): (&impl Serialize, &[Report]),
         plots: impl FnOnce() -> Vec<Plot>,
     ) -> Result<(), ScenarioError> {
         if let Some(folder) = page {
-            let content = PageContent { title, words: &words, plots: plots(), reported: text };
+            let reported = &report::text(reports);
+            let content = PageContent { title, words: &words, plots: plots(), reported };
             show(&folder, &content)?;
         }
         let page = self.output.as_deref().map(page_of);
         let written = if self.json {
             let written = serde_json::to_writer(&mut out, &WithPage { result, page });
             written.map_err(io::Error::from).and_then(|()| writeln!(out))
+        } else if self.markdown {
+            out.write_all(report::markdown(reports).as_bytes())
         } else {
             let page = page.map(|page| format!("\n{page}: the page\n")).unwrap_or_default();
-            write!(out, "{text}{page}")
+            write!(out, "{}{page}", report::text(reports))
         };
         written.map_err(ScenarioError::Output)
     }

@@ -230,7 +230,7 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
         (&["jaywalking"], &["greatest-speed"]),
         (&["networks", "--starts", "2", "--speed", "20,22"], &["collisions", "impact"]),
         // The rate is low, because finding the deadlines takes many runs.
-        (&[&JAM[..], &["--speed", "22", "--rate", "2"]].concat(), &["table", "deadlines"]),
+        (&[&JAM[..], &["--speed", "22", "--rate", "2"]].concat(), &["deadlines"]),
     ] {
         let [one, two] = ["one", "two"].map(|time| at(&format!("{time}-{}", args[0])));
         let text = scenario(&[args, &["-o", &one]].concat());
@@ -274,12 +274,27 @@ fn length(svg: &str, side: &str) -> u32 {
 }
 
 #[test]
+fn book_has_the_table_of_the_traffic_jam() {
+    let markdown = scenario(&[&JAM[..], &["--markdown"]].concat());
+    let (table, _) = markdown.split_once("\n\n").unwrap();
+    assert_eq!(table.lines().count(), 2 + 15, "{table}");
+    assert!(CHAPTER.contains(&format!("\n\n{table}\n\n")), "the chapter lacks {table}");
+}
+
+#[test]
+fn pipe_in_a_name_keeps_the_markdown_table() {
+    let markdown = scenario(&["jaywalking", "--hypothesis", "a|b=0.1", "--markdown"]);
+    assert!(markdown.contains("\n| a\\|b | 0.1 | cached | 0.400 s |\n"), "{markdown}");
+}
+
+#[test]
 fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
     for (args, part) in [
         (&JAM[..], "90 of the 90 cells"),
         (&JAM[..], "Fitted: --deceleration, --brake-delay, --range-local, --range-cloud"),
-        (&["red-light"], "x collides"),
+        (&["red-light"], "0 of 30 runs with a detector would collide"),
         (&["jaywalking"], "above 8.12 up to 9.44 m/s"),
+        (&["arbitrage"], "Humans react in 390 to 1200 ms."),
         (&["networks", "--starts", "2", "--speed", "20,22"], "Means over 10 recorded drives"),
     ] {
         let text = scenario(args);

@@ -2,7 +2,7 @@
 //! the cloud.
 
 mod plots;
-mod text;
+mod reports;
 
 use std::io::Write;
 
@@ -74,7 +74,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
     let drives = drives?;
     let [_, page] = args.leave.folders()?;
     let result = result(&drives);
-    let shown = (&result, &*text::text(&result));
+    let shown = (&result, &*reports::reports(&result));
     args.leave.report(out, page, HEAD, shown, || plots::plots(&result))
 }
 

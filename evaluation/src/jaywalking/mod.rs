@@ -5,8 +5,8 @@ mod geometry;
 mod hypotheses;
 mod planning;
 mod plots;
+mod reports;
 mod swerve;
-mod text;
 
 use std::io::Write;
 
@@ -162,7 +162,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         hypotheses,
         mean_response,
     };
-    let shown = (&result, &*text::text(&result));
+    let shown = (&result, &*reports::reports(&result));
     args.leave.report(out, page, HEAD, shown, || plots::plots(&result, geometry))
 }
 

@@ -3,7 +3,7 @@
 mod linked;
 mod plots;
 mod policy;
-mod text;
+mod reports;
 
 use std::time::Duration;
 
@@ -165,7 +165,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         parameters: args.parameters(),
         rows: setting.rows(&drives)?,
     };
-    let shown = (&result, &*text::text(&result));
+    let shown = (&result, &*reports::reports(&result));
     args.leave.report(out, page, HEAD, shown, || plots::plots(&result))
 }
 

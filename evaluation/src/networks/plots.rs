@@ -1,7 +1,7 @@
 //! Collisions and impact over the speed.
 
 use crate::networks::policy::ResponsePolicy;
-use crate::networks::text::{mean, name, percent};
+use crate::networks::reports::{mean, name, percent};
 use crate::networks::{DriveRow, NetworksResult};
 use crate::plot::{Axes, ChartLine, Plot, Theme, canvas};
 

@@ -4,8 +4,8 @@
 mod crossing;
 mod geometry;
 mod plots;
+mod reports;
 mod sharing;
-mod text;
 
 use rayon::prelude::*;
 use std::io::Write;
@@ -172,7 +172,7 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         at_once: args.runs(&at_once, &[WarningSource::Cloud], &[0.0], has_occluder, None)?,
         without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
     };
-    let shown = (&result, &*text::text(&result));
+    let shown = (&result, &*reports::reports(&result));
     args.leave.report(out, page, HEAD, shown, || plots::plots(args, &result))
 }
 

@@ -1,12 +1,12 @@
 //! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it,
-//! `text` and `plots` show it.
+//! `reports` and `plots` show it.
 
 mod cells;
 mod narrow;
 mod plots;
+mod reports;
 #[cfg(test)]
 pub(crate) mod tests_of_cells;
-mod text;
 
 use std::time::Duration;
 
@@ -179,8 +179,8 @@ pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
     };
-    let shown = (&result, &*text::text(&result));
-    args.leave.report(out, page, HEAD, shown, || plots::plots(&result, &jam))
+    let shown = (&result, &*reports::reports(&result));
+    args.leave.report(out, page, HEAD, shown, || plots::deadlines(&jam).into_iter().collect())
 }
 
 fn beside(jam: &Jam) -> Result<ExtraResults, ScenarioError> {

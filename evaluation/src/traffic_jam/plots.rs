@@ -1,4 +1,4 @@
-//! Draws the table, and the deadlines that give it.
+//! Draws the deadlines that give the table.
 
 use std::time::Duration;
 
@@ -7,11 +7,9 @@ use rayon::prelude::*;
 
 use crate::approach::{Approach, Vehicle};
 use crate::paper::PAPER;
-use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
 use crate::reaction;
-use crate::traffic_jam::TrafficJamResult;
-use crate::traffic_jam::cells::{Cell, CellParameters, Colour, DeadlineChoice, Jam};
-use crate::traffic_jam::text::word;
+use crate::traffic_jam::cells::{CellParameters, DeadlineChoice, Jam};
 
 /// Deadlines up to here are shown, in s.
 const LONGEST: f64 = 3.5;
@@ -20,98 +18,8 @@ const STEP: f64 = 0.02;
 /// The number of steps to the longest one.
 const STEPS: u32 = 175;
 
-pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
-    let mut plots = vec![table(result)];
-    plots.extend(deadlines(jam));
-    plots
-}
-
-fn table(result: &TrafficJamResult) -> Plot {
-    let (responses, cells) = (result.parameters.response.clone(), result.cells.clone());
-    let marked: Vec<bool> = cells.iter().map(|cell| result.is_harder(cell)).collect();
-    let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
-                   greatest speed at impact. A cross in a corner marks a cell that differs from the paper's; a star one in which ours hits harder \
-                   than local alone, since it waited for a cloud that came too late.";
-    Plot::new("table", caption, move |theme| {
-        let rows: Vec<&[Cell]> = cells
-            .chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
-            .collect();
-        let (wide, high) = (92, 34);
-        let height = u32::try_from(rows.len()).unwrap_or(u32::MAX) * 36 + 150;
-        let width = u32::try_from(responses.len()).unwrap_or(u32::MAX) * 92 + 210;
-        let below = "Green: the least gap that is left. Red: the greatest speed at impact.";
-        let words = ("Traffic jam", below);
-        canvas(theme, (width.max(520), height), words, |canvas| {
-            let soft = TextLine::new(13.0, theme.soft);
-            soft.centred().put(
-                canvas,
-                "response of the cloud, s",
-                (160 + wide * i32::try_from(responses.len()).unwrap_or(0) / 2, 84),
-            );
-            for (column, response) in (0..).zip(&responses) {
-                soft.centred().put(
-                    canvas,
-                    &response.to_string(),
-                    (160 + wide * column + wide / 2, 106),
-                );
-            }
-            let (mut y, mut before, mut marks) = (124, None, marked.iter());
-            for row in &rows {
-                let [first, ..] = row else { continue };
-                if before != Some(first.speed) {
-                    y += if before.is_some() { 8 } else { 0 };
-                    let speed = format!("{} m/s", first.speed);
-                    TextLine::new(14.0, theme.ink).bold().put(
-                        canvas,
-                        &speed,
-                        (24, y + high / 2 - 1),
-                    );
-                    before = Some(first.speed);
-                }
-                TextLine::new(14.0, theme.ink).put(
-                    canvas,
-                    word(first.approach),
-                    (102, y + high / 2 - 1),
-                );
-                for (column, cell) in (0..).zip(*row) {
-                    let x = 160 + wide * column;
-                    let place = [(x, y), (x + wide - 3, y + high - 3)];
-                    draw(theme, canvas, (cell, marks.next() == Some(&true)), place);
-                }
-                y += high;
-            }
-        })
-    })
-}
-
-/// Draws a cell, with a star if it is harder than local's.
-fn draw(
-    theme: &Theme,
-    canvas: &crate::plot::Canvas<'_>,
-    (cell, is_harder): (&Cell, bool),
-    place: [(i32, i32); 2],
-) {
-    let [(left, top), (right, bottom)] = place;
-    let (colour, mut text) = match (cell.outcome, cell.gap, cell.impact) {
-        (Colour::Avoids, Some([gap, _]), _) => (theme.good, format!("{gap:.1} m")),
-        (Colour::Mixed, _, Some([_, impact])) => (theme.series[2], format!("~ {impact:.1} m/s")),
-        (_, _, Some([_, impact])) => (theme.bad, format!("{impact:.1} m/s")),
-        (_, _, None) => (theme.soft, String::new()),
-    };
-    if is_harder {
-        text.push_str(" *");
-    }
-    canvas.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
-    let middle = (i32::midpoint(left, right), i32::midpoint(top, bottom));
-    TextLine::new(13.0, theme.on_colour).centred().put(canvas, &text, middle);
-    if !cell.is_as_in_paper() {
-        let cross = TextLine::new(13.0, theme.on_colour).bold().centred();
-        cross.put(canvas, "×", (right - 8, top + 8));
-    }
-}
-
 /// Draws the deadlines, or returns `None` if the guard's figures make no sense.
-fn deadlines(jam: &Jam) -> Option<Plot> {
+pub(crate) fn deadlines(jam: &Jam) -> Option<Plot> {
     let vehicle = jam.vehicle;
     let guard = Jam::new(vehicle, DeadlineChoice::Guard).ok()?;
     let speeds: Vec<f64> = (0..=400).map(|step| 10.0 + f64::from(step) * 0.04).collect();
