@@ -1,4 +1,4 @@
-//! Cuts lines and shapes off at the edges of the visible area. The drawing library would bend them
+//! Cuts lines off at the edges of the visible area. The drawing library would bend them
 //! instead.
 
 use std::ops::Range;
@@ -42,32 +42,6 @@ fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) 
     (first.max(one.min(other)), last.min(one.max(other)))
 }
 
-/// Returns the part of a convex shape that lies between the edges; empty if there is none.
-#[must_use]
-pub fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
-    let mut remaining = shape.to_vec();
-    for (axis, [low, high]) in edges.into_iter().enumerate() {
-        for (sign, edge) in [(1.0, low), (-1.0, high)] {
-            let depth = |point: &[f64; 2]| sign * (point[axis] - edge);
-            let mut inside_points = Vec::new();
-            let next = remaining.iter().cycle().skip(1);
-            for (point, next) in remaining.iter().zip(next) {
-                let (here, there) = (depth(point), depth(next));
-                if here >= 0.0 {
-                    inside_points.push(*point);
-                }
-                if here * there < 0.0 {
-                    let part = here / (here - there);
-                    inside_points
-                        .push([0, 1].map(|axis| point[axis] + (next[axis] - point[axis]) * part));
-                }
-            }
-            remaining = inside_points;
-        }
-    }
-    remaining
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,13 +54,5 @@ mod tests {
         assert_eq!(cut, [remaining, vec![(5.0, 4.0), (6.0, 2.0), (8.0, 2.0)]]);
         assert!(pieces(&line, [&(0.0..8.0), &(7.0..9.0)]).is_empty());
         assert_eq!(pieces(&line, [&(0.0..9.0), &(0.0..6.0)]), [line.to_vec()]);
-    }
-
-    #[test]
-    fn a_shape_keeps_its_slopes_where_it_is_cut() {
-        let triangle = [[0.0, 0.0], [8.0, 0.0], [0.0, 4.0]];
-        let cut = inside(&triangle, [[0.0, 4.0], [0.0, 3.0]]);
-        assert_eq!(cut, [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 3.0], [0.0, 3.0]]);
-        assert!(inside(&triangle, [[9.0, 10.0], [0.0, 3.0]]).is_empty());
     }
 }

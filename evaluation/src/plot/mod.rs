@@ -12,7 +12,6 @@ pub use chart::{
     Axes, Canvas, Chart, ChartLine, DRAWN, LogPoints, Scale, TextLine, canvas, keys_of_shapes,
     logarithmic,
 };
-pub use cut::inside;
 use cut::pieces;
 pub use folder::{Folder, FolderError, PageContent, page_of, show};
 use page::PlotPage;

@@ -19,10 +19,6 @@ pub struct Theme {
     pub good: RGBColor,
     /// The colour of collisions and of late results.
     pub bad: RGBColor,
-    /// The text colour on good and bad.
-    pub on_colour: RGBColor,
-    /// The colour of buildings.
-    pub wall: RGBColor,
     /// Lines and bars, one after the other.
     pub series: [RGBColor; 7],
 }
@@ -41,8 +37,6 @@ pub const LIGHT: Theme = Theme {
     line: colour(0xe2_e6_eb),
     good: colour(0x1f_7a_4d),
     bad: colour(0xc6_2f_3b),
-    on_colour: colour(0xff_ff_ff),
-    wall: colour(0xc9_d0_d8),
     series: [
         colour(0x8b_95_a3),
         colour(0x3f_7f_d9),
@@ -63,8 +57,6 @@ pub const DARK: Theme = Theme {
     line: colour(0x2f_38_42),
     good: colour(0x2f_8f_5f),
     bad: colour(0xc9_48_52),
-    on_colour: colour(0xff_ff_ff),
-    wall: colour(0x46_50_5b),
     series: [
         colour(0x8a_95_a3),
         colour(0x5b_96_ea),
