@@ -148,7 +148,7 @@ impl<'a> WrittenFinding<'a> {
             of: entry.of,
             violation: verdict.and_then(|verdict| verdict.violations.into_iter().next()),
             misbehaviour,
-            trace: text(entry.finding.reported.trace()),
+            trace: text(&entry.finding.reported.trace()),
             shows: match entry.need {
                 Need::Nothing => "alone",
                 Need::Before { .. } => "after other runs",
@@ -166,9 +166,9 @@ impl<'a> WrittenFinding<'a> {
 fn sent(run: &Run) -> String {
     let mut bytes = Vec::new();
     run.write(&mut bytes);
-    text(bytes)
+    text(&bytes)
 }
 
-fn text(bytes: Vec<u8>) -> String {
-    String::from_utf8_lossy(&bytes).into_owned()
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
 }

@@ -56,8 +56,8 @@ struct MessageSpan {
 
 /// A span that has not ended.
 struct Span {
-    trace_id: String,
-    span_id: String,
+    trace: String,
+    id: String,
     /// `None` for a message's span.
     parent: Option<String>,
     /// The name in JSON.
@@ -267,7 +267,7 @@ impl<W: Write> SpanWriter<W> {
     }
 
     fn write(&mut self, span: &Span, end: u64, code: u8) -> io::Result<()> {
-        let Span { trace_id, span_id, parent, name, kind, start, attributes } = span;
+        let Span { trace: trace_id, id: span_id, parent, name, kind, start, attributes } = span;
         let comma = mem::replace(&mut self.separator, ",");
         let out = &mut self.out;
         write!(out, "{comma}\n{{\"attributes\":[{attributes}],\"endTimeUnixNano\":\"{end}\",")?;
@@ -309,8 +309,8 @@ impl MessageSpan {
     fn new(operator: &str, at: u64, t: u64, annotations: &Annotations) -> Self {
         let own = digest(&format!("{operator}/{t}"), 16);
         let mut span = Span {
-            span_id: own[..16].to_owned(),
-            trace_id: own,
+            id: own[..16].to_owned(),
+            trace: own,
             parent: None,
             name: in_json(operator),
             kind: 1,
@@ -325,7 +325,7 @@ impl MessageSpan {
             note(&mut span, [("fuseline.seq", origin.seq)]);
             // The spans of a frame in several operators are one trace.
             if let Some(seq) = origin.seq {
-                span.trace_id = digest(&format!("{}/{seq}", origin.stream), 16);
+                span.trace = digest(&format!("{}/{seq}", origin.stream), 16);
             }
         }
         let mut message = Self { span, by: None, asked: BTreeSet::new(), calls: BTreeMap::new() };
@@ -337,10 +337,10 @@ impl MessageSpan {
     /// Returns the span of a call that begins.
     fn call(&self, call: CallKey, name: String, start: u64, deadline: Option<u64>) -> Span {
         let (p, attempt) = call;
-        let Span { trace_id, span_id: parent, .. } = &self.span;
+        let Span { trace, id: parent, .. } = &self.span;
         let mut span = Span {
-            trace_id: trace_id.clone(),
-            span_id: digest(&format!("{parent}/{p}/{attempt:?}"), 8),
+            trace: trace.clone(),
+            id: digest(&format!("{parent}/{p}/{attempt:?}"), 8),
             parent: Some(parent.clone()),
             name,
             kind: if p == 0 { 1 } else { 3 },

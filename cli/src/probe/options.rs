@@ -66,8 +66,8 @@ pub(crate) struct Args {
     /// ground, and a page that holds them: round trips over time and their distribution.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
     pub(crate) output: Option<PathBuf>,
-    /// Measure nothing, but plot this recording, or another drive: FILE, or FILE:NETWORK.
-    #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
+    /// Measure nothing, but plot this recording, or a network of another drive.
+    #[arg(long, value_name = "FILE[:NETWORK]", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
     /// The time that a cloud would compute in addition, up to 1m.
     #[arg(long, value_name = "TIME", default_value = "118.2ms", value_parser = minute,
