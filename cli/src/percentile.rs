@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_leads_from_the_least_to_the_greatest_in_that_many_steps() {
+    fn curve_leads_from_least_to_greatest() {
         let mut spread = Spread::new();
         assert!(spread.curve(4).is_empty());
         (1..=100).for_each(|ms| spread.add(Duration::from_millis(ms)));

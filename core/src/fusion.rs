@@ -53,7 +53,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// `window`, from 1 to `WINDOW`, is the greatest number of timestamps that may be open at once.
     /// The order of `clouds` does not matter (P10). Capacities beyond 15 clouds or 1024 timestamps
     /// do not compile. A machine takes about 100 bytes or more for each timestamp of its capacity.
-    /// Where stacks are small, put a large machine in a `Box`.
+    /// If the stack is small, put a large machine in a `Box`.
     ///
     /// # Errors
     /// Returns the first [`ConfigError`] that holds.

@@ -24,13 +24,13 @@ pub trait Policy {
     fn ended(&mut self, end: End);
 
     /// Returns `true` if the policy's promise, such as T1 or T2, requires one output for each
-    /// message. Adapters refuse such a policy under the progressive commit rule.
+    /// message. Adapters then refuse the policy under the progressive commit rule.
     fn assumes_one_output(&self) -> bool {
         false
     }
 
     /// Returns `true` if the policy learns of longer deadlines only from calls that run on past
-    /// their due instants. Adapters refuse such a policy for a cloud whose calls do not linger.
+    /// their due instants. Adapters then refuse it for a cloud whose calls do not linger.
     fn needs_linger(&self) -> bool {
         false
     }

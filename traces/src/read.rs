@@ -89,7 +89,7 @@ impl<R: BufRead> Events<R> {
     /// Reads the header of a trace that is to be judged as observed. `file` names the trace in
     /// errors.
     ///
-    /// In such a trace a request may have its `deadline` instead of `due`; its event then has the
+    /// A request of an observed trace may have `deadline` instead of `due`; its event then has the
     /// due instant. Attempts may have numbers, and there may be no local.
     ///
     /// # Errors

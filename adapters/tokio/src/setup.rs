@@ -245,8 +245,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
     }
 
     /// Sets the function that gets each result that came too late for its message, with the
-    /// result's age. Local can use such a *hint* for later messages. A hint never becomes an
-    /// output.
+    /// result's age. Such a late result is called a *hint*: local can use it for later messages,
+    /// but it never becomes an output.
     ///
     /// The function gets results that were dropped as `late` or `superseded`, local's too, if their
     /// message is one of the last 1024. An aborted call has no result, so set how long a cloud's

@@ -17,8 +17,8 @@ pub(crate) struct Growing {
 }
 
 impl Growing {
-    /// Opens the file at `path`, or, if none is given, one called `default`, or numbered where
-    /// there is such a file. What is in it stays until it is emptied.
+    /// Opens the file at `path`. If no path is given, opens a file called `default`, or adds a
+    /// number to that name if the file exists. The file keeps its content until it is emptied.
     ///
     /// # Errors
     /// If it cannot be written, is there and not to be replaced, or another run writes to it.

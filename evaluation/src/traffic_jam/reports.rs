@@ -68,7 +68,7 @@ fn table(result: &TrafficJamResult) -> Report {
     if same == known && known > 0 {
         notes.push(
             "Fitted: --deceleration, --brake-delay, --range-local, --range-cloud were chosen so. \
-            What remains is that one choice of them serves all of these cells."
+            Still, one choice of them reproduces all of these cells."
                 .to_owned(),
         );
     }

@@ -19,7 +19,7 @@ fn a_word_that_only_begins_like_an_identifier_is_none() {
 }
 
 #[test]
-fn a_test_of_python_cites_by_what_is_between_its_decorators_and_the_next_one() {
+fn python_test_cites_up_to_the_next_decorator() {
     let text = "# D8.\n@given(\n)\ndef test_a(\n    run: Run,\n) -> None:\n    \"\"\"D9.\"\"\"\n\n    # A3.\n\n\n\
         # F8\ndef test_b() -> None:\n    pass\n";
     let found = python_function(text, "test_a").expect("it is there");

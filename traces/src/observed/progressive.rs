@@ -51,7 +51,7 @@ impl ProgressiveFacts {
     }
 
     /// Returns `true` if some explanation has these outputs, whenever it retires the timestamp.
-    /// Without any output it does not retire it.
+    /// An explanation without outputs does not retire the timestamp.
     pub(super) fn is_explained(&self) -> bool {
         let ready = self.facts.ready();
         if self.outputs.iter().any(|output| output.is_observed()) {

@@ -68,7 +68,7 @@ struct SampleHandler<T> {
     recent: Mutex<RecentIds<(GUID, i64)>>,
 }
 
-/// What a subscription hears beside its samples.
+/// A message about a subscription that is not a sample.
 enum Notice {
     Closed,
     Status(DataReaderStatus),
