@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, ExitCode};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -220,7 +221,8 @@ fn list(tree: &Tree, target: &Path, table: bool) -> Result<bool, FaultsError> {
             Some(_) => "removes a guard".to_owned(),
             None => format!("breaks {}", breaks.join(" ")),
         };
-        println!("{} {what} in {place}{build}", fault.name);
+        // If this fails, the reader has read enough.
+        let _ = writeln!(io::stdout(), "{} {what} in {place}{build}", fault.name);
     }
     if table {
         save(target, &Table::build(tree, &faults, &CampaignFindings::default())?)?;
