@@ -105,13 +105,16 @@ impl Tree {
         }
         for (name, content) in wanted {
             let path = copy.path(&name);
-            if fs::read(&path).is_ok_and(|there| there == content) {
-                continue;
+            if !fs::read(&path).is_ok_and(|there| there == content) {
+                if let Some(folder) = path.parent() {
+                    fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
+                }
+                fs::write(&path, content).map_err(FaultsError::file(&path))?;
             }
-            if let Some(folder) = path.parent() {
-                fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
+            // A script stays executable.
+            if let Ok(own) = fs::metadata(self.path(&name)) {
+                fs::set_permissions(&path, own.permissions()).map_err(FaultsError::file(&path))?;
             }
-            fs::write(&path, content).map_err(FaultsError::file(&path))?;
         }
         Ok(())
     }
@@ -192,6 +195,9 @@ fn code(content: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
 
     #[test]
@@ -212,5 +218,24 @@ mod tests {
         assert_ne!(reported("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
         assert_ne!(reported("a.txt", "// Words.\n")?, reported("a.txt", "// Others.\n")?);
         fs::remove_dir_all(&root).map_err(FaultsError::file(&root))
+    }
+
+    #[test]
+    fn scripts_of_a_copy_are_executable() -> Result<(), FaultsError> {
+        let folder = std::env::temp_dir().join(format!("fuseline-copy-{}", std::process::id()));
+        let (tree, copy) = (Tree::new(folder.join("tree")), Tree::new(folder.join("copy")));
+        let script = tree.path("run");
+        write(&script, "true\n")?;
+        let begun = Command::new("git").args(["init", "--quiet"]).current_dir(tree.root()).status();
+        assert!(begun.is_ok_and(|status| status.success()));
+        for mode in [0o755, 0o644] {
+            let permissions = Permissions::from_mode(mode);
+            fs::set_permissions(&script, permissions).map_err(FaultsError::file(&script))?;
+            tree.copy_to(&copy, BTreeMap::new())?;
+            let copied = copy.path("run");
+            let copied = fs::metadata(&copied).map_err(FaultsError::file(&copied))?;
+            assert_eq!(copied.permissions().mode() & 0o777, mode);
+        }
+        fs::remove_dir_all(&folder).map_err(FaultsError::file(&folder))
     }
 }
