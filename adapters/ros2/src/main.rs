@@ -107,7 +107,9 @@ fn log(level: Option<Level>) -> PendingLogs {
     let asked = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|text| !text.is_empty());
     let asked = asked.map(EnvFilter::try_new);
     let wrong = asked.as_ref().and_then(|asked| asked.as_ref().err().map(ToString::to_string));
-    let filter = asked.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(ours));
+    let asked = asked.and_then(Result::ok);
+    let is_asked = asked.is_some();
+    let filter = asked.unwrap_or_else(|| EnvFilter::new(ours));
     let to_stderr = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
@@ -115,6 +117,11 @@ fn log(level: Option<Level>) -> PendingLogs {
     let ours = Targets::new().with_target("fuseline", LevelFilter::DEBUG);
     let published = rosout.with_filter(ours);
     tracing_subscriber::registry().with(filter).with(to_stderr).with(published).init();
+    if !is_asked {
+        // `rustdds` logs by `log`, several times a message. What is below an error ends here, before
+        // it costs anything.
+        log::set_max_level(log::LevelFilter::Error);
+    }
     if let Some(why) = wrong {
         warn!("RUST_LOG is ignored: {why}");
     }
