@@ -4,6 +4,8 @@ pub mod arguments;
 mod clock;
 mod error;
 mod fusion;
+#[doc(hidden)]
+pub mod in_process;
 pub mod key;
 mod lifecycle;
 mod managed;

@@ -21,7 +21,7 @@ use crate::rosout::PendingLogs;
 use crate::settings::{self, Change, Settings, SpeedTopic, Topic};
 use crate::source::{Handle, NodeSource, Route, UnmatchedResults, call};
 use crate::speed::Speed;
-use crate::status_publisher::{NodeInterface, StatusPublisher};
+use crate::status_publisher::{NodeInterface, PublishStatus, StatusPublisher};
 use crate::stop::Stop;
 
 /// The number of results that may wait for the node. Further ones stay in the readers, which drop
@@ -60,6 +60,18 @@ pub(crate) struct ExternalInputs<'a> {
     pub(crate) stop: &'a mut Stop,
 }
 
+/// The topics of a node, which are open.
+pub(crate) struct OpenTopics {
+    pub(crate) sources: Vec<NodeSource>,
+    pub(crate) output: Box<dyn Publish>,
+    pub(crate) revisions: Option<Box<dyn Publish>>,
+    pub(crate) ends: Vec<Arc<Endpoint>>,
+    pub(crate) inputs: mpsc::Receiver<ReceivedPayload>,
+    pub(crate) results: mpsc::Receiver<(usize, ReceivedPayload)>,
+    pub(crate) deadlines: mpsc::Receiver<ReceivedPayload>,
+    pub(crate) speeds: mpsc::Receiver<ReceivedPayload>,
+}
+
 /// A node whose topics are open.
 pub(crate) struct OpenNode<'a> {
     driver: Driver<NodeFusion<'a>>,
@@ -74,8 +86,6 @@ pub(crate) fn open<'a>(
     status_publisher: Arc<StatusPublisher>,
     outside: ExternalInputs<'a>,
 ) -> Result<OpenNode<'a>, NodeError> {
-    let ExternalInputs { changes, orders, stop } = outside;
-    let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
     let sources = sources(settings, graph, &arrived)?;
     let output = publisher(graph, settings, &settings.output.topic)?;
@@ -94,30 +104,9 @@ pub(crate) fn open<'a>(
     if let Some(SpeedTopic { topic, .. }) = &settings.deadlines.speed {
         ends.push(latest(graph, settings, topic, reported)?);
     }
-    let node = settings.node.full();
-    let reports = report_ticks(settings.diagnostics_period);
-    let fusion = NodeFusion {
-        sources,
-        ends,
-        output,
-        revisions,
-        input_key: settings.input.key,
-        origin: settings.end_to_end.origin.as_str().into(),
-        within: settings.end_to_end.within,
-        reserve: settings.end_to_end.reserve,
-        output_key: settings.output.key,
-        greatest_deadline: settings.greatest_deadline,
-        deadline: settings.deadline,
-        memory: LoopState::new(Reporter::new(&node, counting.tally())),
-        node,
-        status_publisher: Box::new(status_publisher),
-        counting: counting.clone(),
-        received: InputChannels { inputs, results, deadlines, speeds, changes, reports },
-        orders,
-        speed: settings.deadlines.speed.as_ref().map(Speed::new),
-        stop,
-    };
-    let driver = Driver::new(engine, fusion, settings.timers).map_err(NodeError::Timers)?;
+    let topics =
+        OpenTopics { sources, output, revisions, ends, inputs, results, deadlines, speeds };
+    let open = OpenNode::new(settings, engine, topics, Box::new(status_publisher), outside)?;
     // The threads of DDS and of the recorder are there already: they stay as they are.
     realtime::schedule(settings.realtime)?;
     info!(
@@ -128,10 +117,53 @@ pub(crate) fn open<'a>(
         clouds = settings.clouds.len(),
         "the node runs"
     );
-    Ok(OpenNode { driver, counting })
+    Ok(open)
 }
 
-impl OpenNode<'_> {
+impl<'a> OpenNode<'a> {
+    pub(crate) fn new(
+        settings: &Settings,
+        engine: Engine<Payload, Payload>,
+        topics: OpenTopics,
+        status_publisher: Box<dyn PublishStatus>,
+        outside: ExternalInputs<'a>,
+    ) -> Result<Self, NodeError> {
+        let ExternalInputs { changes, orders, stop } = outside;
+        let counting = engine.counts();
+        let node = settings.node.full();
+        let received = InputChannels {
+            inputs: topics.inputs,
+            results: topics.results,
+            deadlines: topics.deadlines,
+            speeds: topics.speeds,
+            changes,
+            reports: report_ticks(settings.diagnostics_period),
+        };
+        let fusion = NodeFusion {
+            sources: topics.sources,
+            ends: topics.ends,
+            output: topics.output,
+            revisions: topics.revisions,
+            input_key: settings.input.key,
+            origin: settings.end_to_end.origin.as_str().into(),
+            within: settings.end_to_end.within,
+            reserve: settings.end_to_end.reserve,
+            output_key: settings.output.key,
+            greatest_deadline: settings.greatest_deadline,
+            deadline: settings.deadline,
+            memory: LoopState::new(Reporter::new(&node, counting.tally())),
+            node,
+            status_publisher,
+            counting: counting.clone(),
+            received,
+            orders,
+            speed: settings.deadlines.speed.as_ref().map(Speed::new),
+            stop,
+        };
+        let driver = Driver::new(engine, fusion, settings.timers).map_err(NodeError::Timers)?;
+        Ok(Self { driver, counting })
+    }
+
     /// Runs until it is requested to stop or to close.
     pub(crate) async fn run(self) -> Result<Tally, NodeError> {
         let (mut fusion, engine) = self.driver.run().await;

@@ -44,19 +44,26 @@ impl RosTime {
 
 /// `diagnostic_msgs/msg/DiagnosticStatus`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub(crate) struct DiagnosticStatus {
-    pub(crate) level: u8,
-    pub(crate) name: String,
-    pub(crate) message: String,
-    pub(crate) hardware_id: String,
-    pub(crate) values: Vec<KeyValue>,
+pub struct DiagnosticStatus {
+    /// 0 if all is well, 1 for a warning, 2 for an error.
+    pub level: u8,
+    /// The name of what it is about.
+    pub name: String,
+    /// The state in words.
+    pub message: String,
+    /// Always empty.
+    pub hardware_id: String,
+    /// The state in figures.
+    pub values: Vec<KeyValue>,
 }
 
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub(crate) struct KeyValue {
-    pub(crate) key: String,
-    pub(crate) value: String,
+pub struct KeyValue {
+    /// The name of the value.
+    pub key: String,
+    /// The value as text.
+    pub value: String,
 }
 
 /// The levels of a `DiagnosticStatus`.

@@ -254,7 +254,7 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: |fault| fault.file.starts_with("adapters/ros2/"),
         suite: &ROS2,
         programs: &[
-            program("fuseline-ros2", "fuseline_ros2", &["--skip=simulated::"]),
+            program("fuseline-ros2", "fuseline_ros2", &[]),
             program("fuseline-ros2", "settings", &[]),
         ],
         threads: "6",
@@ -265,8 +265,7 @@ pub const KINDS: &[WitnessKind] = &[
         title: "simulated ROS 2 nodes",
         concerns: |fault| fault.file.starts_with("adapters/ros2/"),
         suite: &ROS2,
-        programs: &[program("fuseline-ros2", "fuseline_ros2", &["simulated::"])],
-        threads: "6",
+        programs: &[program("fuseline-system-tests", "nodes", &[])],
         ..TESTS
     },
     WitnessKind {

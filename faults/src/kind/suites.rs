@@ -70,8 +70,8 @@ pub(super) const OPERATOR: BuildSuite = BuildSuite {
 };
 pub(super) const ROS2: BuildSuite = BuildSuite {
     name: "ros2",
-    packages: &["-p=fuseline-ros2"],
-    tests: &["--lib", "--test=settings"],
+    packages: &["-p=fuseline-ros2", "-p=fuseline-system-tests"],
+    tests: &["--lib", "--test=settings", "--test=nodes"],
     programs: &[],
     variables: QUICK,
 };

@@ -1,8 +1,5 @@
 //! Judges a simulated run by named checks: by its counts, and by its trace beside a model of the
 //! queues.
-//!
-//! The simulator of operators in [`simulate`](crate::simulate) and the simulator of ROS 2 nodes in
-//! `adapters/ros2` share it.
 
 pub mod account;
 pub mod replay;

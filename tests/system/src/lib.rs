@@ -1,15 +1,15 @@
 //! Tests of the shipped system. Each part is behind a feature of its name:
 //!
 //! - [`parsers`]: every parser of outside input, over any bytes.
-//! - [`judge`]: how a simulated run is judged; the tests of the ROS 2 node use it too.
-//! - [`simulate`]: the shipped operator in virtual time, among hostile sources, readers and disks.
+//! - [`simulate`]: the shipped operator and the ROS 2 node in virtual time, among hostile sources,
+//!   readers, topics and disks. [`judge`] judges their runs.
 //! - `chaos`, a binary: shipped operators with real clouds while the network and the clouds break.
 #![cfg_attr(
     feature = "parsers",
     expect(dead_code, reason = "what the command does with what it has read is not here")
 )]
 
-#[cfg(feature = "judge")]
+#[cfg(feature = "simulate")]
 pub mod judge;
 #[cfg(feature = "parsers")]
 pub mod parsers;

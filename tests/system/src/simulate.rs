@@ -6,6 +6,7 @@ mod graphs;
 #[path = "../../../adapters/tokio/tests/support/link.rs"]
 mod link;
 mod log;
+pub mod nodes;
 mod peers;
 mod play;
 mod saved_seeds;
@@ -16,11 +17,11 @@ mod simulator;
 mod value;
 
 pub use checks::CHECKS;
-pub use graphs::graph_findings;
+pub use graphs::Graph;
 pub use saved_seeds::{KeptSeed, saved_seeds};
 pub use scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
     ScenarioCloud, SourceAction,
 };
-pub use servers::server_findings;
-pub use simulator::{Simulated, Simulator};
+pub use servers::Server;
+pub use simulator::{Drawn, SeedResults, Simulated, Simulator};

@@ -2,39 +2,20 @@
 //! that it can be a witness.
 
 use std::sync::LazyLock;
-use std::thread;
 
-use fuseline_system_tests::judge::BrokenChecks;
-use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
+use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, SeedResults, saved_seeds};
 
 /// Every check that ever caught a seeded fault catches it within this many seeds from 0 on, in a
 /// few seconds.
 const SEEDS: u64 = 300;
 
-static BROKEN: LazyLock<BrokenChecks> = LazyLock::new(|| {
+static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| {
     let saved = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed);
-    let seeds: Vec<u64> = saved.chain(0..SEEDS).collect();
-    let half = |first| broken_of(seeds.iter().skip(first).step_by(2));
-    let (mut broken, others) = thread::scope(|scope| {
-        let others = scope.spawn(|| half(1));
-        (half(0), others.join().expect("no panic"))
-    });
-    broken.extend(others);
-    broken
+    SeedResults::of::<Scenario>(&saved.chain(0..SEEDS).collect::<Vec<_>>())
 });
 
-fn broken_of<'a>(seeds: impl Iterator<Item = &'a u64>) -> BrokenChecks {
-    let simulator = Simulator::new().expect("a folder for traces");
-    let mut broken = BrokenChecks::default();
-    for seed in seeds {
-        let run = simulator.simulate(&Scenario::draw(*seed)).expect("a folder for traces");
-        broken.add(*seed, run.findings);
-    }
-    broken
-}
-
 fn holds(check: &str) {
-    BROKEN.holds(CHECKS, check);
+    RESULTS.broken.holds(CHECKS, check);
 }
 
 /// Each message leads to one item, with the content and at the instant that the trace states (D1).

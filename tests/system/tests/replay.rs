@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use fuseline_system_tests::simulate::{
-    CallResult, Disk, Finish, OfferAction, Scenario, Simulator, SourceAction,
+    CallResult, Disk, Drawn, Finish, OfferAction, Scenario, Simulator, SourceAction,
 };
 use fuseline_tokio::Commit;
 

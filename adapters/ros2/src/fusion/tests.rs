@@ -2,7 +2,6 @@
 
 mod node;
 mod policy;
-mod simulated;
 
 use std::future::pending;
 use std::sync::atomic::Ordering;
@@ -13,6 +12,7 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
+use crate::in_process::ReceivedTopic;
 use crate::lifecycle::{LifecycleTask, TransitionResult};
 use crate::settings::Change;
 
@@ -68,11 +68,6 @@ async fn compute(
     Ok(value)
 }
 
-/// Returns a cloud's name.
-fn name(priority: u16) -> String {
-    format!("cloud{priority}")
-}
-
 fn line(at: u128, t: u64, text: &str) -> String {
     format!("{at} ms: {t} {text}")
 }
@@ -80,7 +75,7 @@ fn line(at: u128, t: u64, text: &str) -> String {
 /// Plays a script and compares the statuses and outputs with what is expected.
 async fn play(commit: Commit, script: Script, expected: &[&str]) {
     let commit = format!("commit:={commit}");
-    let node = Node::start_with(script.local, &script.clouds, &["-p", &commit]);
+    let node = Node::start_with(script.local, &script.clouds, &[&commit]);
     node.feed(0, script.messages.iter().copied()).await;
     let last = script.messages.iter().max().unwrap();
     node.until(last + 3000).await;
@@ -160,13 +155,13 @@ async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
     node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;
     node.until(999).await;
-    node.is_deaf.store(true, Ordering::Relaxed);
+    node.peers.is_deaf.store(true, Ordering::Relaxed);
     node.feed(30, (30..60).map(|t| t * 1000 / 30)).await;
     node.until(1999).await;
-    node.is_deaf.store(false, Ordering::Relaxed);
+    node.peers.is_deaf.store(false, Ordering::Relaxed);
     node.feed(60, (60..150).map(|t| t * 1000 / 30)).await;
     node.until(4980).await;
-    node.mouths.changes.send(Change::CloudEnabled(0, false)).unwrap();
+    assert!(node.peers.senders.set(Change::CloudEnabled(0, false)));
     node.feed(150, (150..180).map(|t| t * 1000 / 30)).await;
     node.until(9000).await;
     let lines = node.lines();
@@ -192,7 +187,7 @@ async fn a_call_is_dropped_when_its_timer_fires_when_it_is_cancelled_and_at_the_
     let node = Node::start(|_| Answers(20), &clouds);
     node.feed(0, [0]).await;
     node.until(90).await;
-    let mut dropped = node.dropped.lock().unwrap().clone();
+    let mut dropped = node.peers.dropped.lock().unwrap().clone();
     dropped.sort_unstable();
     assert_eq!(dropped, [(1, 40), (2, 40), (3, 40)]);
     node.feed(1, [100]).await;
@@ -200,14 +195,14 @@ async fn a_call_is_dropped_when_its_timer_fires_when_it_is_cancelled_and_at_the_
     node.running.abort();
     tokio::task::yield_now().await;
     node.until(111).await;
-    assert_eq!(node.dropped.lock().unwrap().len(), 6, "calls outlive the loop");
+    assert_eq!(node.peers.dropped.lock().unwrap().len(), 6, "calls outlive the loop");
 }
 
 /// The first message is missed at 50 ms, and local's result for it comes at 60 ms. Without the
 /// check, that value would be sent for a message of 55 ms with the same key (D2).
 #[tokio::test(start_paused = true)]
 async fn repeated_stamp_gets_no_stale_value() {
-    let more = ["-p", "local.deadline:=0.05"];
+    let more = ["local.deadline:=0.05"];
     let node = Node::start_with(|t| if t == 7 { Answers(60) } else { Answers(20) }, &[], &more);
     node.feed(7, [0]).await;
     node.feed(7, [5]).await;
@@ -237,16 +232,17 @@ async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
     let node = Node::start(|_| Answers(10), &[(0, |_| Loses)]);
     node.feed(0, [0]).await;
     node.until(1).await;
-    node.mouths.changes.send(Change::Deadline(100 * MS)).unwrap();
+    assert!(node.peers.senders.set(Change::Deadline(100 * MS)));
     node.until(10).await;
     node.feed(1, [10]).await;
     node.until(11).await;
     let seconds = Bytes::copy_from_slice(&0.05_f64.to_le_bytes());
-    node.mouths.deadlines.send(Ok(Payload { big_endian: false, body: seconds })).await.unwrap();
+    let seconds = Payload { big_endian: false, body: seconds };
+    assert!(node.peers.senders.send(ReceivedTopic::Deadline, Some(seconds)).await);
     node.until(20).await;
     node.feed(2, [20]).await;
     node.until(21).await;
-    node.mouths.changes.send(Change::CloudDeadline(0, Some(30 * MS))).unwrap();
+    assert!(node.peers.senders.set(Change::CloudDeadline(0, Some(30 * MS))));
     node.until(30).await;
     node.feed(3, [30]).await;
     node.until(1500).await;
@@ -262,7 +258,7 @@ async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
 #[tokio::test(start_paused = true)]
 async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
     let node = Node::start(|_| Loses, &[]);
-    node.mouths.changes.send(Change::LocalDeadline(50 * MS)).unwrap();
+    assert!(node.peers.senders.set(Change::LocalDeadline(50 * MS)));
     node.until(1).await;
     node.feed(0, [10]).await;
     node.until(100).await;
@@ -273,7 +269,7 @@ async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
 /// (E2, E3).
 #[tokio::test(start_paused = true)]
 async fn a_request_ends_where_the_reserve_begins_and_local_with_the_end_to_end_deadline() {
-    let budget = ["-p", "within:=0.2", "-p", "reserve:=0.05"];
+    let budget = ["within:=0.2", "reserve:=0.05"];
     let local: Plan = |t| if t == 0 { Answers(10) } else { Loses };
     let node = Node::start_with(local, &[(500, |_| Loses)], &budget);
     node.feed(0, [0, 300]).await;
@@ -285,10 +281,10 @@ async fn a_request_ends_where_the_reserve_begins_and_local_with_the_end_to_end_d
 #[tokio::test(start_paused = true)]
 async fn local_fails_at_once_while_nobody_listens_to_it() {
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(30))]);
-    node.local.store(0, Ordering::Relaxed);
+    node.peers.local.store(0, Ordering::Relaxed);
     node.feed(0, [0]).await;
     node.until(100).await;
-    node.local.store(1, Ordering::Relaxed);
+    node.peers.local.store(1, Ordering::Relaxed);
     node.feed(1, [100]).await;
     node.until(1500).await;
     let expected = [
@@ -303,7 +299,7 @@ async fn local_fails_at_once_while_nobody_listens_to_it() {
 #[tokio::test(start_paused = true)]
 async fn a_flood_of_results_keeps_no_message_from_its_turn() {
     let node = Node::start(|_| Answers(20), &[]);
-    let results = node.mouths.results.clone();
+    let results = node.peers.senders.results.clone();
     // The channel never runs empty.
     let flood = tokio::spawn(async move {
         while results.send((LOCAL, Ok(payload(999, "stray")))).await.is_ok() {
@@ -312,7 +308,7 @@ async fn a_flood_of_results_keeps_no_message_from_its_turn() {
             }
         }
     });
-    node.mouths.inputs.send(Ok(payload(0, "frame"))).await.unwrap();
+    node.feed(0, [0]).await;
     while node.tally().messages == 0 {
         tokio::task::yield_now().await;
     }
@@ -325,22 +321,16 @@ async fn a_flood_of_results_keeps_no_message_from_its_turn() {
 #[tokio::test(start_paused = true)]
 async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_it_before_it_is_closed()
  {
-    let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
+    let node = Node::start_with(|_| Answers(300), &[], &["lifecycle:=true"]);
     node.feed(0, [10]).await;
     node.until(20).await;
-    assert_eq!(
-        node.mouths.order(LifecycleTask::Activate).await.await,
-        Ok(TransitionResult::Success)
-    );
+    assert!(node.peers.senders.activate(true).await);
     node.feed(1, [30]).await;
     node.until(40).await;
-    assert_eq!(
-        node.mouths.order(LifecycleTask::Deactivate).await.await,
-        Ok(TransitionResult::Success)
-    );
+    assert!(node.peers.senders.activate(false).await);
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.mouths.order(LifecycleTask::CleanUp).await;
+    let closed = node.peers.senders.order(LifecycleTask::CleanUp).await;
     node.feed(3, [70]).await;
     assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);

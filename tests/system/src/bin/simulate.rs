@@ -7,14 +7,12 @@
 use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use fuseline_system_tests::judge::Finding;
 use fuseline_system_tests::simulate::{
-    KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds, server_findings,
+    Drawn, Graph, KeptSeed, Scenario, Server, Simulated, Simulator, nodes, saved_seeds,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -29,7 +27,8 @@ Exit codes:
   130  interrupted";
 
 /// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks
-/// the outcome.
+/// the outcome. It also runs graphs of operators, gRPC servers, and the ROS 2 node on topics that
+/// lose messages.
 ///
 /// The seeds that ever failed come first, then fresh ones.
 #[derive(Parser)]
@@ -39,22 +38,25 @@ struct Cli {
     #[arg(long, value_name = "N", default_value_t = 10)]
     seconds: u64,
     /// Play only this seed, and print its scenario.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", group = "one")]
     seed: Option<u64>,
     /// Play only the graph of operators of this seed.
-    #[arg(long, value_name = "N", conflicts_with = "seed")]
+    #[arg(long, value_name = "N", group = "one")]
     graph: Option<u64>,
     /// Play only the gRPC server of this seed.
-    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph"])]
+    #[arg(long, value_name = "N", group = "one")]
     server: Option<u64>,
+    /// Play only the ROS 2 node of this seed, and print its scenario.
+    #[arg(long, value_name = "N", group = "one")]
+    node: Option<u64>,
     /// The first of the fresh seeds; random if not given.
-    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server"])]
+    #[arg(long, value_name = "N", conflicts_with = "one")]
     from: Option<u64>,
     /// Play this many fresh seeds, instead of for some time.
-    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server", "seconds"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["one", "seconds"])]
     runs: Option<u64>,
     /// Write the trace of the seed to this file.
-    #[arg(long, value_name = "FILE", requires = "seed")]
+    #[arg(long, value_name = "FILE", requires = "one")]
     trace: Option<PathBuf>,
     /// Print one JSON object at the end.
     #[arg(long)]
@@ -69,6 +71,8 @@ struct Sum {
     graphs: u64,
     /// The gRPC servers among the runs.
     servers: u64,
+    /// The ROS 2 nodes among the runs.
+    nodes: u64,
     messages: u64,
     /// The seconds of virtual time.
     lived: f64,
@@ -85,25 +89,25 @@ struct Sum {
 
 #[derive(Serialize)]
 struct Failed {
+    #[serde(skip)]
+    option: &'static str,
     seed: u64,
     check: &'static str,
     what: String,
     smallest: String,
 }
 
+/// A node is played after this many runs of one operator.
+const RUNS_BEFORE_NODE: u64 = 2;
 /// A graph of several operators is played after this many runs of one operator.
 const RUNS_BEFORE_GRAPH: u64 = 64;
 /// A server takes as long as several hundred runs, so it is played after this many runs.
 const RUNS_BEFORE_SERVER: u64 = 1024;
-/// A run that takes longer than this hangs: none takes more than a second.
-const HANGS: Duration = Duration::from_secs(120);
 
 #[global_allocator]
 static MEMORY: MiMalloc = MiMalloc;
 
 static STOP: AtomicBool = AtomicBool::new(false);
-/// The seed that is played, and the number of runs.
-static NOW: [AtomicU64; 2] = [AtomicU64::new(0), AtomicU64::new(0)];
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
@@ -121,12 +125,12 @@ fn main() -> ExitCode {
     };
     // If the system refuses a handler, Ctrl-C ends the command in the usual way.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
-    thread::spawn(watch);
-    let done = match (cli.seed, cli.graph, cli.server) {
-        (Some(seed), ..) => replay(&cli, seed),
-        (None, Some(seed), _) => replay_drawn(Drawn::Graph, seed),
-        (None, None, Some(seed)) => replay_drawn(Drawn::Server, seed),
-        (None, None, None) => search(&cli),
+    let done = match (cli.seed, cli.graph, cli.server, cli.node) {
+        (Some(seed), ..) => replay::<Scenario>(&cli, seed),
+        (_, Some(seed), ..) => replay::<Graph>(&cli, seed),
+        (_, _, Some(seed), _) => replay::<Server>(&cli, seed),
+        (.., Some(seed)) => replay::<nodes::Scenario>(&cli, seed),
+        (None, None, None, None) => search(&cli),
     };
     match done.and_then(|sum| report(&cli, &sum)) {
         Ok(code) => code,
@@ -140,137 +144,113 @@ fn main() -> ExitCode {
 }
 
 /// Plays one seed and prints its scenario.
-fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
-    let simulator = Simulator::new()?;
-    let scenario = Scenario::draw(seed);
+fn replay<D: Drawn>(cli: &Cli, seed: u64) -> io::Result<Sum> {
     if !cli.json {
-        write!(anstream::stdout(), "{scenario}")?;
+        write!(anstream::stdout(), "{}", D::draw(seed).text())?;
     }
-    let mut sum = Sum::default();
-    let start = Instant::now();
-    let run = play(&simulator, &scenario, &mut sum)?;
+    let mut player = Player::new(ProgressBar::hidden())?;
+    let trace = player.play::<D>(seed)?;
     if let Some(path) = &cli.trace {
-        std::fs::write(path, &run.trace).map_err(|error| {
+        std::fs::write(path, trace).map_err(|error| {
             io::Error::new(error.kind(), format!("{}: {error}", path.display()))
         })?;
     }
-    sum.end(start);
-    sum.failed = failed(&simulator, &scenario, run.findings)?;
-    Ok(sum)
-}
-
-fn replay_drawn(drawn: Drawn, seed: u64) -> io::Result<Sum> {
-    let (mut sum, start) = (Sum::default(), Instant::now());
-    play_drawn(drawn, seed, &mut sum)?;
-    sum.end(start);
-    Ok(sum)
+    Ok(player.sum)
 }
 
 /// Plays the saved seeds, then fresh ones, until the time is up or one fails.
 fn search(cli: &Cli) -> io::Result<Sum> {
-    let simulator = Simulator::new()?;
     let from = cli.from.unwrap_or_else(by_chance);
-    let (start, bar) = (Instant::now(), bar(cli));
-    let (mut sum, mut played) = (Sum { seeds: Some((from, from)), ..Sum::default() }, 0_u64);
+    let (mut player, mut count) = (Player::new(bar(cli))?, 0_u64);
+    player.sum.seeds = Some((from, from));
     let saved_seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
     let fresh = (0..).map(|next: u64| (from.wrapping_add(next), true));
     for (seed, is_fresh) in saved_seeds.chain(fresh) {
+        let elapsed = player.start.elapsed();
         let is_over = match cli.runs {
             Some(runs) => seed.wrapping_sub(from) >= runs,
-            None => start.elapsed() >= Duration::from_secs(cli.seconds),
+            None => elapsed >= Duration::from_secs(cli.seconds),
         };
-        sum.interrupted = STOP.load(Ordering::Acquire);
-        if sum.interrupted || (is_fresh && is_over) {
+        player.sum.interrupted = STOP.load(Ordering::Acquire);
+        if player.sum.interrupted || (is_fresh && is_over) {
             break;
         }
-        let scenario = Scenario::draw(seed);
-        let run = play(&simulator, &scenario, &mut sum)?;
         if is_fresh {
-            sum.seeds = Some((from, seed.wrapping_add(1)));
+            player.sum.seeds = Some((from, seed.wrapping_add(1)));
         }
-        if run.findings.is_empty() {
-            played += 1;
-            for (drawn, every) in
-                [(Drawn::Graph, RUNS_BEFORE_GRAPH), (Drawn::Server, RUNS_BEFORE_SERVER)]
-            {
-                if sum.failed.is_none() && played % every == 0 {
-                    play_drawn(drawn, seed, &mut sum)?;
-                }
-            }
-            if sum.failed.is_some() {
-                sum.end(start);
-                break;
+        count += 1;
+        for (every, play) in [
+            (1, Player::play::<Scenario> as fn(&mut Player, u64) -> _),
+            (RUNS_BEFORE_NODE, Player::play::<nodes::Scenario>),
+            (RUNS_BEFORE_GRAPH, Player::play::<Graph>),
+            (RUNS_BEFORE_SERVER, Player::play::<Server>),
+        ] {
+            if player.sum.failed.is_none() && count.is_multiple_of(every) {
+                play(&mut player, seed)?;
             }
         }
-        bar.set_position(start.elapsed().as_secs());
-        if sum.runs.is_multiple_of(64) {
-            bar.set_message(format!("{} runs, {} messages", sum.runs, sum.messages));
-        }
-        if !run.findings.is_empty() {
-            bar.set_message("making the run smaller");
-            sum.end(start);
-            sum.failed = failed(&simulator, &scenario, run.findings)?;
+        if player.sum.failed.is_some() {
             break;
         }
+        player.bar.set_position(elapsed.as_secs());
+        if count.is_multiple_of(64) {
+            let Sum { runs, messages, .. } = player.sum;
+            player.bar.set_message(format!("{runs} runs, {messages} messages"));
+        }
     }
-    bar.finish_and_clear();
-    if sum.failed.is_none() {
-        sum.end(start);
-    }
-    Ok(sum)
+    player.bar.finish_and_clear();
+    Ok(player.sum)
 }
 
-fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result<Simulated> {
-    NOW[0].store(scenario.seed, Ordering::Release);
-    NOW[1].fetch_add(1, Ordering::AcqRel);
-    let run = simulator.simulate(scenario)?;
-    sum.runs += 1;
-    sum.messages += run.messages;
-    sum.lived += run.life.as_secs_f64();
-    Ok(run)
+/// Plays seeds and sums up.
+struct Player {
+    simulator: Simulator,
+    bar: ProgressBar,
+    start: Instant,
+    sum: Sum,
 }
 
-/// A kind of run that is drawn in addition to the runs of one operator.
-#[derive(Clone, Copy)]
-enum Drawn {
-    Graph,
-    Server,
-}
-
-/// Plays the graph or the server of a seed.
-fn play_drawn(drawn: Drawn, seed: u64, sum: &mut Sum) -> io::Result<()> {
-    NOW[0].store(seed, Ordering::Release);
-    NOW[1].fetch_add(1, Ordering::AcqRel);
-    let (check, findings) = match drawn {
-        Drawn::Graph => ("graph", graph_findings(seed)?),
-        Drawn::Server => ("server", server_findings(seed)?),
-    };
-    sum.runs += 1;
-    match drawn {
-        Drawn::Graph => sum.graphs += 1,
-        Drawn::Server => sum.servers += 1,
+impl Player {
+    fn new(bar: ProgressBar) -> io::Result<Self> {
+        let (simulator, start) = (Simulator::new()?, Instant::now());
+        Ok(Self { simulator, bar, start, sum: Sum::default() })
     }
-    if !findings.is_empty() {
-        let smallest = String::new();
-        sum.failed = Some(Failed { seed, check, what: findings.join("; "), smallest });
-    }
-    Ok(())
-}
 
-fn failed(
-    simulator: &Simulator,
-    scenario: &Scenario,
-    findings: Vec<Finding>,
-) -> io::Result<Option<Failed>> {
-    let Some(finding) = findings.into_iter().next() else { return Ok(None) };
-    NOW[1].store(u64::MAX, Ordering::Release);
-    let smallest = simulator.smallest(scenario, finding.check)?;
-    let again = simulator.simulate(&smallest)?;
-    let reason = again.findings.into_iter().find(|again| again.check == finding.check);
-    let reason = reason.map_or(finding.reason, |again| again.reason);
-    let trace = String::from_utf8_lossy(&again.trace);
-    let smallest = format!("{smallest}{trace}");
-    Ok(Some(Failed { seed: scenario.seed, check: finding.check, what: reason, smallest }))
+    /// Plays the run of a seed, and returns its trace. Makes it smaller if it fails.
+    fn play<D: Drawn>(&mut self, seed: u64) -> io::Result<Vec<u8>> {
+        let drawn = D::draw(seed);
+        let simulated = self.simulator.simulate(&drawn)?;
+        self.add::<D>(&simulated);
+        let Some(finding) = simulated.findings.first() else { return Ok(simulated.trace) };
+        self.bar.set_message("making the run smaller");
+        let (check, mut what, mut smallest) = (finding.check, &finding.reason, drawn.text());
+        let again;
+        if !simulated.hangs {
+            let smaller = self.simulator.smallest(&drawn, check)?;
+            again = self.simulator.simulate(&smaller)?;
+            smallest = smaller.text() + &String::from_utf8_lossy(&again.trace);
+            what = again.breaks(check).map_or(what, |again| &again.reason);
+        }
+        let (option, what) = (D::OPTION, what.clone());
+        self.sum.failed = Some(Failed { option, seed, check, what, smallest });
+        Ok(simulated.trace)
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "for people")]
+    fn add<D: Drawn>(&mut self, run: &Simulated) {
+        let sum = &mut self.sum;
+        sum.runs += 1;
+        match D::OPTION {
+            Graph::OPTION => sum.graphs += 1,
+            Server::OPTION => sum.servers += 1,
+            nodes::Scenario::OPTION => sum.nodes += 1,
+            _ => {}
+        }
+        sum.messages += run.messages;
+        sum.lived += run.life.as_secs_f64();
+        sum.took = self.start.elapsed().as_secs_f64();
+        sum.rate = sum.messages as f64 / sum.took;
+    }
 }
 
 fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
@@ -279,21 +259,20 @@ fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
         serde_json::to_writer(&mut out, sum)?;
         writeln!(out)?;
     } else {
-        if let Some(Failed { seed, check, what, smallest }) = &sum.failed {
-            writeln!(out, "seed {seed} breaks {check}: {what}")?;
+        if let Some(Failed { option, seed, check, what, smallest }) = &sum.failed {
+            writeln!(out, "{option} {seed} breaks {check}: {what}")?;
             if !smallest.is_empty() {
                 writeln!(out, "\na smallest run that breaks it:\n{smallest}")?;
             }
-            let option = if ["graph", "server"].contains(check) { check } else { "seed" };
             writeln!(out, "again: fuseline-simulate --{option} {seed}")?;
         }
         if let Some((first, end)) = sum.seeds.filter(|(first, end)| first != end) {
             writeln!(out, "fresh seeds {first} to {}", end.wrapping_sub(1))?;
         }
-        let Sum { runs, graphs, servers, messages, lived, took, rate, .. } = sum;
+        let Sum { runs, graphs, servers, nodes, messages, lived, took, rate, .. } = sum;
         writeln!(
             out,
-            "{runs} runs, {graphs} of graphs, {servers} of servers, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
+            "{runs} runs, {graphs} of graphs, {servers} of servers, {nodes} of nodes, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
         )?;
     }
     Ok(match (&sum.failed, sum.interrupted) {
@@ -301,29 +280,6 @@ fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
         (None, true) => ExitCode::from(130),
         (None, false) => ExitCode::SUCCESS,
     })
-}
-
-impl Sum {
-    #[expect(clippy::cast_precision_loss, reason = "for people")]
-    fn end(&mut self, start: Instant) {
-        self.took = start.elapsed().as_secs_f64();
-        self.rate = self.messages as f64 / self.took;
-    }
-}
-
-/// Ends the command with the seed of a run that hangs.
-fn watch() {
-    let mut last = (0, Instant::now());
-    loop {
-        thread::sleep(Duration::from_millis(500));
-        let count = NOW[1].load(Ordering::Acquire);
-        if count != last.0 {
-            last = (count, Instant::now());
-        } else if last.1.elapsed() > HANGS && count != u64::MAX {
-            println!("seed {} hangs", NOW[0].load(Ordering::Acquire));
-            std::process::exit(1);
-        }
-    }
 }
 
 fn bar(cli: &Cli) -> ProgressBar {

@@ -31,9 +31,8 @@ enum SourcePhase {
 }
 
 impl Scenario {
-    /// Draws the run of this seed. The run stays the same as long as the drawing does not change.
-    #[must_use]
-    pub fn draw(seed: u64) -> Self {
+    /// Draws the run of this seed.
+    pub(crate) fn of_seed(seed: u64) -> Self {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
         let priorities = priorities(rng);

@@ -2,10 +2,12 @@
 //! their floor (E11).
 
 use std::io;
+use std::path::Path;
 
 use tokio::runtime::Builder;
 
 use crate::simulate::link;
+use crate::simulate::simulator::{Drawn, Simulated};
 
 #[path = "../../../../adapters/tokio/tests/support/graph.rs"]
 mod drawn;
@@ -13,14 +15,22 @@ mod drawn;
 #[expect(dead_code, reason = "conditions are broken by the tests of the adapter alone")]
 mod floor;
 
-/// Returns what is wrong with the graph that this seed draws, and with the floor of the pipeline
-/// that it draws, in virtual time.
-///
-/// # Errors
-/// Returns an error if no runtime can be created.
-pub fn graph_findings(seed: u64) -> io::Result<Vec<String>> {
-    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
-    let mut wrong = runtime.block_on(drawn::wrongs(seed)).0;
-    wrong.extend(runtime.block_on(floor::lost(seed, floor::Breach::None)).0);
-    Ok(wrong)
+/// The graph that a seed draws, and the floor of the pipeline that it draws.
+#[derive(Clone, Copy)]
+pub struct Graph(u64);
+
+impl Drawn for Graph {
+    const OPTION: &str = "graph";
+    const PANICS: &str = "graph";
+
+    fn draw(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    fn play(&self, _: &Path) -> io::Result<Simulated> {
+        let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+        let mut wrong = runtime.block_on(drawn::wrongs(self.0)).0;
+        wrong.extend(runtime.block_on(floor::lost(self.0, floor::Breach::None)).0);
+        Ok(Simulated::of(Self::OPTION, &wrong))
+    }
 }

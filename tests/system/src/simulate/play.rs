@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use fuseline_testkit::shrink;
 use fuseline_tokio::{Config, Items, JoinError, Recording, Running, Tally, Trace, spawn, stream};
 use metrics_util::CompositeKey;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -15,9 +16,12 @@ use tokio::runtime::Builder;
 use tokio::task::JoinHandle;
 use tokio::time::{sleep_until, timeout};
 
+use crate::simulate::checks::Facts;
 use crate::simulate::log::{Log, SimulationState};
 use crate::simulate::peers::{Script, audience, camera, stall};
 use crate::simulate::scenario::{Disk, Finish, Scenario};
+use crate::simulate::shrink::simplifications;
+use crate::simulate::simulator::{Drawn, Simulated};
 use crate::simulate::value::ResultValue;
 
 /// A virtual time that is longer than any run.
@@ -54,7 +58,37 @@ pub(crate) enum OperatorEnd {
     NotStarted(String),
 }
 
-/// Plays a scenario. Its files go to `folder`, which is emptied.
+impl Drawn for Scenario {
+    const OPTION: &str = "seed";
+    const PANICS: &str = "d7_no_panic_comes_through";
+
+    fn draw(seed: u64) -> Self {
+        Self::of_seed(seed)
+    }
+
+    fn play(&self, folder: &Path) -> io::Result<Simulated> {
+        let played = play(self, folder)?;
+        let findings = Facts::new(self, &played).findings();
+        let last = played.log.items.iter().flatten().map(|read| read.at).max().unwrap_or(0);
+        let life = Duration::from_nanos(played.log.stopped.unwrap_or(last));
+        let RunResult { log, trace, ended, tally, most, remaining, .. } = played;
+        let messages = log.written.len() as u64;
+        let external_log = Box::new((log, ended, tally, most, remaining));
+        let external_log = Some(external_log as Box<_>);
+        Ok(Simulated { findings, messages, life, trace, external_log, ..Simulated::default() })
+    }
+
+    fn smallest(&self, mut breaks: impl FnMut(&Self) -> io::Result<bool>) -> io::Result<Self> {
+        let breaks = |it: &Self| Ok(!it.frames.is_empty() && breaks(it)?);
+        shrink(self.clone(), simplifications, breaks)
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
+    }
+}
+
+/// Plays a scenario. Its files go to the empty `folder`.
 ///
 /// # Errors
 /// Returns an error if the folder cannot be used.
@@ -172,12 +206,8 @@ fn config(scenario: &Scenario, path: PathBuf) -> Config {
     }
 }
 
-/// Empties the folder, and fills the disk if the scenario says so: a part of the trace is
-/// `/dev/full`.
+/// Fills the disk if the scenario says so: a part of the trace is `/dev/full`.
 fn prepare(scenario: &Scenario, folder: &Path) -> io::Result<PathBuf> {
-    for entry in fs::read_dir(folder)? {
-        fs::remove_file(entry?.path())?;
-    }
     if let Disk::FullAfter(parts, _) = scenario.disk {
         symlink("/dev/full", folder.join(format!("trace.{parts}.jsonl")))?;
     }

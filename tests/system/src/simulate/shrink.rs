@@ -1,34 +1,14 @@
 //! Makes a run smaller while it still shows the same fault.
 
-use std::io;
 use std::ops::Range;
 use std::time::Duration;
 
-use fuseline_testkit::{Simplification, Steps, shrink};
+use fuseline_testkit::{Simplification, Steps};
 use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
     CallResult, Disk, Finish, OfferAction, ReaderPlan, Scenario, SourceAction,
 };
-
-/// The greatest number of runs that are tried.
-const TRIES: usize = 3000;
-
-/// Returns the smallest run that was found for which `shows` returns `true`. The run itself must
-/// show it.
-pub(crate) fn smallest(
-    scenario: &Scenario,
-    mut shows: impl FnMut(&Scenario) -> io::Result<bool>,
-) -> io::Result<Scenario> {
-    let mut tries = 0;
-    shrink(scenario.clone(), simplifications, |smaller| {
-        if tries >= TRIES || smaller.frames.is_empty() {
-            return Ok(false);
-        }
-        tries += 1;
-        shows(smaller)
-    })
-}
 
 /// The steps are the messages; those that stay keep their times.
 impl Steps for Scenario {
@@ -46,7 +26,7 @@ impl Steps for Scenario {
 }
 
 /// Returns changes that each remove one thing.
-fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
+pub(crate) fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     for index in (0..scenario.clouds.len()).rev() {
         all.push(Box::new(move |it| {

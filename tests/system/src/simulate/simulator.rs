@@ -1,49 +1,88 @@
-//! Plays scenarios and checks them.
+//! Plays runs that are drawn from seeds, checks them, and makes those that fail smaller.
 
-use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::any::Any;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
+use std::{fmt, fs, io, thread};
 
-use fuseline_tokio::Tally;
 use tempfile::TempDir;
 
-use crate::judge::Finding;
-use crate::simulate::checks::Facts;
-use crate::simulate::log::Log;
-use crate::simulate::play::{OperatorEnd, RunResult, play};
-use crate::simulate::scenario::Scenario;
-use crate::simulate::shrink;
+use crate::judge::{BrokenChecks, Finding};
 
-/// Plays scenarios, one after the other, with files in its own folder, which is in memory if
-/// possible.
+/// The greatest number of runs that are tried to make one smaller.
+const TRIES: usize = 3000;
+
+/// A run that takes longer than this hangs: none takes more than some seconds.
+const HANGS: Duration = Duration::from_secs(60);
+
+/// The check that a run without end breaks.
+const ENDS: &str = "d8_everything_ends";
+
+/// A run as plain data. It is drawn from its seed, and can be made smaller.
+pub trait Drawn: Clone + Send + 'static {
+    /// The option of `fuseline-simulate` that plays one seed.
+    const OPTION: &str;
+
+    /// The check that a run breaks if a panic comes through.
+    const PANICS: &str;
+
+    /// Draws the run of this seed. The run stays the same as long as the drawing does not change.
+    fn draw(seed: u64) -> Self;
+
+    /// Plays the run in virtual time, and checks it. Its files go to the empty `folder`.
+    ///
+    /// # Errors
+    /// Returns an error if the folder cannot be used.
+    fn play(&self, folder: &Path) -> io::Result<Simulated>;
+
+    /// Returns the smallest run that is found for which `breaks` returns `true`.
+    ///
+    /// # Errors
+    /// Returns the first error of `breaks`.
+    fn smallest(&self, breaks: impl FnMut(&Self) -> io::Result<bool>) -> io::Result<Self> {
+        let _ = breaks;
+        Ok(self.clone())
+    }
+
+    /// Describes the run.
+    fn text(&self) -> String {
+        String::new()
+    }
+}
+
+/// Plays runs, one after the other, with files in its own folder, which is in memory if possible.
 pub struct Simulator {
     folder: TempDir,
 }
 
 /// The outcome of one run.
+#[derive(Default)]
 pub struct Simulated {
     /// The checks that do not hold.
     pub findings: Vec<Finding>,
+    /// The kinds of endings that the run of a node came to.
+    pub kinds: BTreeSet<&'static str>,
     /// The number of messages that were written.
     pub messages: u64,
     /// Its length in virtual time, until the operator was stopped or the last item was read.
     pub life: Duration,
     /// The operator's trace.
     pub trace: Vec<u8>,
-    /// The other observations; `None` if a panic came through.
-    external_log: Option<ExternalLog>,
+    /// `true` if it takes too long. It continues in its thread.
+    pub hangs: bool,
+    /// The observations outside of the trace; `None` if a panic came through.
+    pub(crate) external_log: Option<Box<dyn fmt::Debug + Send>>,
 }
 
-/// The observations outside of the trace.
-#[derive(Debug)]
-#[expect(dead_code, reason = "it is shown as a whole")]
-struct ExternalLog {
-    log: Log,
-    ended: OperatorEnd,
-    tally: Option<Tally>,
-    most: [usize; 2],
-    remaining: [usize; 3],
+/// The sums over the runs of some seeds.
+#[derive(Default)]
+pub struct SeedResults {
+    /// The checks that are broken.
+    pub broken: BrokenChecks,
+    /// The number of runs that came to each kind of ending.
+    pub kinds: BTreeMap<&'static str, usize>,
 }
 
 impl Simulator {
@@ -58,49 +97,67 @@ impl Simulator {
         Ok(Self { folder: folder? })
     }
 
-    /// Plays a scenario and checks it.
+    /// Plays a run and checks it.
     ///
     /// # Errors
     /// Returns an error if its files cannot be used.
-    pub fn simulate(&self, scenario: &Scenario) -> io::Result<Simulated> {
-        // The operator's own tasks must handle a panic; this one came through.
-        let played = catch_unwind(AssertUnwindSafe(|| play(scenario, self.folder.path())));
-        let played = match played {
-            Ok(played) => played?,
-            Err(panic) => return Ok(Simulated::panicked(&*panic)),
-        };
-        let findings = Facts::new(scenario, &played).findings();
-        Ok(Simulated::new(findings, played))
+    pub fn simulate<D: Drawn>(&self, run: &D) -> io::Result<Simulated> {
+        let (run, folder): (D, PathBuf) = (run.clone(), self.folder.path().to_owned());
+        for entry in fs::read_dir(&folder)? {
+            fs::remove_file(entry?.path())?;
+        }
+        let (sender, ended) = mpsc::channel();
+        // No virtual time passes in a loop that never sleeps, so real time decides.
+        let playing = thread::spawn(move || {
+            // If the run took too long, nobody listens.
+            let _ = sender.send(run.play(&folder));
+        });
+        match ended.recv_timeout(HANGS) {
+            Ok(simulated) => simulated,
+            Err(RecvTimeoutError::Timeout) => {
+                let reason = format!("it did not end within {HANGS:?}");
+                Ok(Simulated { hangs: true, ..Simulated::broken(ENDS, reason) })
+            }
+            // The tasks of the run must handle a panic; this one came through.
+            Err(RecvTimeoutError::Disconnected) => {
+                let panic = playing.join().err();
+                let reason = panic.as_deref().and_then(words).unwrap_or("no words");
+                Ok(Simulated::broken(D::PANICS, reason.to_owned()))
+            }
+        }
     }
 
     /// Returns the smallest run that can be found for which this check does not hold either.
     ///
     /// # Errors
     /// Returns an error if its files cannot be used.
-    pub fn smallest(&self, scenario: &Scenario, check: &str) -> io::Result<Scenario> {
-        shrink::smallest(scenario, |smaller| {
-            let findings = self.simulate(smaller)?.findings;
-            Ok(findings.iter().any(|finding| finding.check == check))
+    pub fn smallest<D: Drawn>(&self, run: &D, check: &str) -> io::Result<D> {
+        let mut tries = 0;
+        run.smallest(|smaller| {
+            if tries >= TRIES {
+                return Ok(false);
+            }
+            let simulated = self.simulate(smaller)?;
+            tries = if simulated.hangs { TRIES } else { tries + 1 };
+            Ok(!simulated.hangs && simulated.breaks(check).is_some())
         })
     }
 }
 
 impl Simulated {
-    fn new(findings: Vec<Finding>, played: RunResult) -> Self {
-        let last = played.log.items.iter().flatten().map(|read| read.at).max().unwrap_or(0);
-        let life = Duration::from_nanos(played.log.stopped.unwrap_or(last));
-        let RunResult { log, trace, ended, tally, most, remaining, .. } = played;
-        let messages = log.written.len() as u64;
-        let external_log = Some(ExternalLog { log, ended, tally, most, remaining });
-        Self { findings, messages, life, trace, external_log }
+    pub(crate) fn broken(check: &'static str, reason: String) -> Self {
+        Self { findings: vec![Finding { check, reason }], ..Self::default() }
     }
 
-    fn panicked(panic: &(dyn std::any::Any + Send)) -> Self {
-        let reason = panic.downcast_ref::<String>().map(String::as_str);
-        let reason = reason.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no words");
-        let finding = Finding { check: "d7_no_panic_comes_through", reason: reason.to_owned() };
-        let (trace, external_log) = (Vec::new(), None);
-        Self { findings: vec![finding], messages: 0, life: Duration::ZERO, trace, external_log }
+    /// Returns the outcome of a run with one check.
+    pub(crate) fn of(check: &'static str, wrong: &[String]) -> Self {
+        if wrong.is_empty() { Self::default() } else { Self::broken(check, wrong.join("; ")) }
+    }
+
+    /// Returns the finding of this check, if it does not hold.
+    #[must_use]
+    pub fn breaks(&self, check: &str) -> Option<&Finding> {
+        self.findings.iter().find(|finding| finding.check == check)
     }
 
     /// Describes everything that was seen outside of the trace. The same seed gives the same text.
@@ -108,4 +165,44 @@ impl Simulated {
     pub fn external_log(&self) -> String {
         format!("{:#?}", self.external_log)
     }
+}
+
+impl SeedResults {
+    /// Plays the runs of these seeds, on two threads. A run that hangs is the last one.
+    ///
+    /// # Panics
+    /// Panics if there is no place for the files.
+    #[must_use]
+    pub fn of<D: Drawn>(seeds: &[u64]) -> Self {
+        let half = |first| {
+            let simulator = Simulator::new().expect("a folder for traces");
+            let mut results = Self::default();
+            for seed in seeds.iter().skip(first).step_by(2) {
+                let run = simulator.simulate(&D::draw(*seed)).expect("a folder for traces");
+                results.broken.add(*seed, run.findings);
+                for kind in run.kinds {
+                    *results.kinds.entry(kind).or_default() += 1;
+                }
+                if run.hangs {
+                    break;
+                }
+            }
+            results
+        };
+        let [mut results, others] = thread::scope(|scope| {
+            let others = scope.spawn(|| half(1));
+            [half(0), others.join().expect("no panic")]
+        });
+        results.broken.extend(others.broken);
+        for (kind, count) in others.kinds {
+            *results.kinds.entry(kind).or_default() += count;
+        }
+        results
+    }
+}
+
+/// Returns the words of a panic.
+fn words(panic: &(dyn Any + Send)) -> Option<&str> {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied())
 }

@@ -13,12 +13,13 @@ fn values_of(node: &Node, part: &str) -> Vec<(String, String)> {
 #[tokio::test(start_paused = true)]
 async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_the_deadline_and_why()
 {
-    let more = ["-p", "policy:=guard", "-p", "policy.speed_topic:=speed", "-p"];
-    let more = [&more[..], &["policy.speed_type:=std_msgs/msg/Float64"]].concat();
+    let speed_type = "policy.speed_type:=std_msgs/msg/Float64";
+    let more = ["policy:=guard", "policy.speed_topic:=speed", speed_type];
     let node = Node::start_with(|_| Answers(300), &[(2000, |_| Loses)], &more);
     let publish_report = async |speed: f64| {
         let body = Bytes::copy_from_slice(&speed.to_le_bytes());
-        node.mouths.speeds.send(Ok(Payload { big_endian: false, body })).await.unwrap();
+        let speed = Payload { big_endian: false, body };
+        assert!(node.peers.senders.send(ReceivedTopic::Speed, Some(speed)).await);
     };
     node.until(1).await;
     publish_report(18.0).await;
@@ -46,8 +47,7 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_th
 
 #[tokio::test(start_paused = true)]
 async fn d16_an_expecting_node_waits_no_longer_for_a_cloud_that_is_gone_until_it_returns() {
-    let more = "-p policy:=expected -p policy.local_response:=0.02 -p policy.probe_every:=8";
-    let more: Vec<_> = more.split(' ').collect();
+    let more = ["policy:=expected", "policy.local_response:=0.02", "policy.probe_every:=8"];
     // The cloud is gone from message 80 to message 179, at ten messages a second.
     let act = |t| if (80..180).contains(&t) { Loses } else { Answers(60) };
     let node = Node::start_with(|_| Answers(20), &[(90, act)], &more);
@@ -73,7 +73,7 @@ async fn late_results_are_hints_on_a_topic_of_their_own_byte_for_byte_and_no_out
         |t| [Answers(140), Answers(90), Answers(250), Answers(10)][usize::try_from(t).unwrap()];
     let best = |t| [Loses, Answers(80), Loses, Answers(5)][usize::try_from(t).unwrap()];
     let clouds: [(u64, Plan); 3] = [(100, lower), (100, |_| Answers(60)), (100, best)];
-    let more = ["-p", "cloud1.linger:=0.1", "-p", "cloud1.hints:=late"];
+    let more = ["cloud1.linger:=0.1", "cloud1.hints:=late"];
     let node = Node::start_with(|_| Answers(20), &clouds, &more);
     node.feed(0, [0, 500, 1000, 1500]).await;
     node.until(3000).await;
@@ -87,5 +87,5 @@ async fn late_results_are_hints_on_a_topic_of_their_own_byte_for_byte_and_no_out
     let expected = expected.map(|(at, t, requested)| {
         (at, payload(t, &value("cloud1", t, Duration::from_millis(requested))))
     });
-    assert_eq!(*node.hints.lock().unwrap(), expected);
+    assert_eq!(*node.peers.hints.lock().unwrap(), expected);
 }

@@ -6,21 +6,23 @@ use std::path::Path;
 use std::time::Duration;
 
 use fuseline_engine::Trigger;
-use fuseline_system_tests::judge::replay::{
+use fuseline_ros2::Settings;
+use fuseline_ros2::in_process::KeyValue;
+use fuseline_ros2::settings::Change;
+use fuseline_traces::{DropReason, nanos};
+
+use crate::judge::replay::{
     DecidedItem, DecidedOffer, Departure, DroppedResult, OpenedMessage, QueueConfig, Replay,
 };
-use fuseline_traces::DropReason;
 
-use super::play::{RunResult, SentRequest, StatusReport};
-use super::scenario::{Disturbance, Form, Scenario};
-use crate::fusion::LOCAL;
-use crate::settings::{Change, Settings};
+use crate::simulate::nodes::play::{RunResult, SentRequest, StatusReport};
+use crate::simulate::nodes::scenario::{Disturbance, Form, Input, LOCAL, Scenario};
 
 /// A kind of ending in words, and whether a run came to it.
 type Kind = (&'static str, fn(&Facts<'_>) -> bool);
 
 /// The kinds of endings that a run may have.
-pub(super) const KINDS: [Kind; 14] = [
+pub const KINDS: [Kind; 14] = [
     ("an output of a cloud", |it| it.leaves(|how| matches!(how, Departure::Forwarded(1.., _)))),
     ("an output of local by a timer", |it| {
         it.leaves(|how| how == Departure::Forwarded(0, Trigger::Timer))
@@ -51,45 +53,46 @@ pub(super) const KINDS: [Kind; 14] = [
     }),
 ];
 
-pub(super) struct Facts<'a> {
-    pub(super) scenario: &'a Scenario,
-    pub(super) inputs: Vec<super::scenario::Input>,
-    pub(super) played: &'a RunResult,
+/// The facts about one run.
+pub struct Facts<'a> {
+    pub(crate) scenario: &'a Scenario,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) played: &'a RunResult,
     /// The trace, replayed.
-    pub(super) replay: Replay,
+    pub(crate) replay: Replay,
     /// The accepted messages, by timestamp.
-    pub(super) messages: Vec<Message<'a>>,
+    pub(crate) messages: Vec<Message<'a>>,
     /// The indices of the inputs that were no messages.
-    pub(super) rejected: Vec<usize>,
+    pub(crate) rejected: Vec<usize>,
     /// The states that were set, each with the instant from which it was in force.
-    pub(super) set: Vec<(u64, State)>,
+    pub(crate) set: Vec<(u64, State)>,
 }
 
 /// A message that was accepted, and its statuses.
-pub(super) struct Message<'a> {
+pub(crate) struct Message<'a> {
     /// The input's index.
-    pub(super) serial: usize,
+    pub(crate) serial: usize,
     /// The statuses in their order.
-    pub(super) reported: Vec<&'a StatusReport>,
+    pub(crate) reported: Vec<&'a StatusReport>,
 }
 
 /// The settings in force: the node's, and each cloud's.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct State {
-    pub(super) is_active: bool,
-    pub(super) deadline: Duration,
-    pub(super) local: Duration,
+pub(crate) struct State {
+    pub(crate) is_active: bool,
+    pub(crate) deadline: Duration,
+    pub(crate) local: Duration,
     /// The clouds by index. The entry of local has no meaning.
-    pub(super) peers: Vec<CloudStatus>,
+    pub(crate) peers: Vec<CloudStatus>,
 }
 
 /// The state of a cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct CloudStatus {
-    pub(super) is_enabled: bool,
-    pub(super) is_there: bool,
+pub(crate) struct CloudStatus {
+    pub(crate) is_enabled: bool,
+    pub(crate) is_there: bool,
     /// A deadline of its own.
-    pub(super) deadline: Option<Duration>,
+    pub(crate) deadline: Option<Duration>,
 }
 
 impl<'a> Facts<'a> {
@@ -97,7 +100,7 @@ impl<'a> Facts<'a> {
     ///
     /// # Errors
     /// Returns an error if the trace cannot be read.
-    pub(super) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
+    pub(crate) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
         let settings = scenario.settings(Path::new("none"));
         let replay = Replay::of(&queues(scenario), &played.trace);
         if let Some(defect) = &replay.defect {
@@ -121,23 +124,23 @@ impl<'a> Facts<'a> {
     }
 
     /// Returns each message that was assigned to an input, with its entry in the replayed trace.
-    pub(super) fn pairs(&self) -> impl Iterator<Item = (&Message<'a>, &OpenedMessage)> {
+    pub(crate) fn pairs(&self) -> impl Iterator<Item = (&Message<'a>, &OpenedMessage)> {
         self.messages.iter().zip(&self.replay.opened)
     }
 
     /// Returns the decided items of a message.
-    pub(super) fn items(&self, opened: &OpenedMessage) -> impl Iterator<Item = &DecidedItem> {
+    pub(crate) fn items(&self, opened: &OpenedMessage) -> impl Iterator<Item = &DecidedItem> {
         opened.items.iter().map(|index| &self.replay.items[*index])
     }
 
     /// Returns the offer of a message to a cloud.
-    pub(super) fn offer(&self, opened: &OpenedMessage, index: usize) -> Option<&DecidedOffer> {
+    pub(crate) fn offer(&self, opened: &OpenedMessage, index: usize) -> Option<&DecidedOffer> {
         let is_it = |offer: &&DecidedOffer| offer.t == opened.t && usize::from(offer.p) == index;
         self.replay.offers.iter().find(is_it)
     }
 
     /// Returns the results that were too late or superseded.
-    pub(super) fn late(&self, index: usize) -> impl Iterator<Item = &DroppedResult> {
+    pub(crate) fn late(&self, index: usize) -> impl Iterator<Item = &DroppedResult> {
         self.replay.dropped.iter().filter(move |dropped| {
             let is_late = matches!(dropped.why, DropReason::Late | DropReason::Superseded);
             dropped.is_result && is_late && usize::from(dropped.p) == index
@@ -172,7 +175,7 @@ impl<'a> Facts<'a> {
 
     /// Returns the states that may have been in force when an input came. If a state was set at
     /// that instant, either may have been first.
-    pub(super) fn states(&self, at: u64) -> impl Iterator<Item = &State> {
+    pub(crate) fn states(&self, at: u64) -> impl Iterator<Item = &State> {
         let when = self.meanwhile(at);
         let before = self.set.iter().rev().find(|(since, _)| *since < at);
         let meanwhile = self.set.iter().filter(move |(since, _)| when.contains(since));
@@ -183,20 +186,20 @@ impl<'a> Facts<'a> {
     /// its process stood still from then on.
     fn meanwhile(&self, at: u64) -> RangeInclusive<u64> {
         let stalls = self.played.log.turned.iter().filter_map(|(from, turn)| match turn {
-            Disturbance::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
+            Disturbance::Stalls(long) if *from == at => Some(nanos(*long)),
             _ => None,
         });
         at..=at + stalls.sum::<u64>()
     }
 
     /// Returns the requests to a peer.
-    pub(super) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
+    pub(crate) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
         self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
     /// Returns `true` if a message before this input has its key. A refused message counts only if
     /// `is_there` at its end.
-    pub(super) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
+    pub(crate) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
         self.pairs().any(|(message, opened)| {
             let is_before = message.serial < serial;
             let was_refused = |item: &DecidedItem| {
@@ -208,7 +211,7 @@ impl<'a> Facts<'a> {
     }
 
     /// Returns `true` if another input with the same key came at the same instant.
-    pub(super) fn is_doubled_at_once(&self, serial: usize) -> bool {
+    pub(crate) fn is_doubled_at_once(&self, serial: usize) -> bool {
         let at = &self.played.log.arrived_at;
         let is_same = |other: &usize| {
             self.inputs[*other].key == self.inputs[serial].key && at[*other] == at[serial]
@@ -217,7 +220,7 @@ impl<'a> Facts<'a> {
     }
 
     /// Returns the kinds of endings that the run came to.
-    pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
+    pub(crate) fn kinds(&self) -> BTreeSet<&'static str> {
         KINDS.iter().filter(|(_, is)| is(self)).map(|(kind, _)| *kind).collect()
     }
 
@@ -282,20 +285,20 @@ fn states(
 }
 
 impl StatusReport {
-    pub(super) fn value(&self, key: &str) -> Option<&str> {
+    pub(crate) fn value(&self, key: &str) -> Option<&str> {
         value(&self.status.values, key)
     }
 
-    pub(super) fn timestamp(&self) -> Option<u64> {
+    pub(crate) fn timestamp(&self) -> Option<u64> {
         self.value("timestamp")?.parse().ok()
     }
 
-    pub(super) fn key(&self) -> Option<u64> {
+    pub(crate) fn key(&self) -> Option<u64> {
         self.value("key")?.parse().ok()
     }
 }
 
 /// Returns the value of a status under a key.
-pub(super) fn value<'a>(values: &'a [crate::report::KeyValue], key: &str) -> Option<&'a str> {
+pub(crate) fn value<'a>(values: &'a [KeyValue], key: &str) -> Option<&'a str> {
     values.iter().find(|value| value.key == key).map(|value| &*value.value)
 }

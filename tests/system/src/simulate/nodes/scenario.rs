@@ -5,53 +5,51 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 
-use super::super::node::settings;
-use crate::fusion::LOCAL;
-use crate::settings::Change;
-use crate::{Commit, Settings};
+use fuseline_ros2::settings::Change;
+use fuseline_ros2::{Commit, Settings, in_process};
 
 /// A run that is drawn from a seed and can be made smaller.
 #[derive(Clone, PartialEq, Debug)]
-pub(super) struct Scenario {
-    pub(super) window: u16,
-    pub(super) commit: Commit,
+pub struct Scenario {
+    pub(crate) window: u16,
+    pub(crate) commit: Commit,
     /// The number of further messages that may wait for local.
-    pub(super) waiting: u16,
+    pub(crate) waiting: u16,
     /// Local, then the clouds. The priority of a cloud is its index.
-    pub(super) peers: Vec<Peer>,
+    pub(crate) peers: Vec<Peer>,
     /// The inputs, in the order of their instants.
-    pub(super) inputs: Vec<Input>,
+    pub(crate) inputs: Vec<Input>,
     /// The other events, in the order of their instants.
-    pub(super) turns: Vec<(Duration, Disturbance)>,
+    pub(crate) turns: Vec<(Duration, Disturbance)>,
 }
 
 /// Local or a cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Peer {
-    pub(super) in_flight: u16,
+pub(crate) struct Peer {
+    pub(crate) in_flight: u16,
     /// The gate's limit. Local has no gate.
-    pub(super) limit: u16,
+    pub(crate) limit: u16,
     /// `true` if it is called, and `false` if it receives by topics as local does.
-    pub(super) is_called: bool,
+    pub(crate) is_called: bool,
     /// `true` if its late results are published.
-    pub(super) hints: bool,
+    pub(crate) hints: bool,
 }
 
 /// A sample on the input's topic, and its fate.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Input {
-    pub(super) at: Duration,
-    pub(super) key: u64,
-    pub(super) form: Form,
+pub(crate) struct Input {
+    pub(crate) at: Duration,
+    pub(crate) key: u64,
+    pub(crate) form: Form,
     /// `true` if its output finds a subscriber that is too far behind.
-    pub(super) is_unsent: bool,
+    pub(crate) is_unsent: bool,
     /// The fate of the input at each peer that gets a request.
-    pub(super) fates: Vec<Delivery>,
+    pub(crate) fates: Vec<Delivery>,
 }
 
 /// The form of a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Form {
+pub(crate) enum Form {
     Whole,
     /// Shorter than its key.
     Short,
@@ -60,24 +58,24 @@ pub(super) enum Form {
 
 /// The delivery of a request, and of the results that it leads to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Delivery {
+pub(crate) struct Delivery {
     /// The time that the request takes to its peer, or `None` if it is lost.
-    pub(super) delay: Option<Duration>,
+    pub(crate) delay: Option<Duration>,
     /// The time for which the peer computes.
-    pub(super) took: Duration,
+    pub(crate) took: Duration,
     /// The replies. None means that the result is lost, and two mean that it is duplicated.
-    pub(super) replies: Vec<Reply>,
+    pub(crate) replies: Vec<Reply>,
 }
 
 /// A reply, and how long it takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Reply {
-    pub(super) delay: Duration,
-    pub(super) kind: DisturbanceKind,
+pub(crate) struct Reply {
+    pub(crate) delay: Duration,
+    pub(crate) kind: DisturbanceKind,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum DisturbanceKind {
+pub(crate) enum DisturbanceKind {
     Result,
     /// A result whose key belongs to no message.
     Stray,
@@ -87,7 +85,7 @@ pub(super) enum DisturbanceKind {
 
 /// An event that is not an input.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) enum Disturbance {
+pub(crate) enum Disturbance {
     /// A parameter is set.
     Set(Change),
     /// The topic of deadlines carries this many seconds.
@@ -102,6 +100,9 @@ pub(super) enum Disturbance {
     Stalls(Duration),
 }
 
+/// The index of local among the peers.
+pub(crate) const LOCAL: usize = 0;
+
 /// The number of inputs that come after everything works again.
 const CALM: u64 = 20;
 
@@ -110,7 +111,7 @@ const APART: Duration = Duration::from_millis(100);
 
 /// The keys of the calm and of strays are greater than all others.
 const CALM_KEYS: u64 = 1 << 32;
-pub(super) const STRAY_KEYS: u64 = 1 << 40;
+pub(crate) const STRAY_KEYS: u64 = 1 << 40;
 
 impl Scenario {
     /// Returns the parameters in the form that a node takes.
@@ -125,6 +126,9 @@ impl Scenario {
         for (index, peer) in self.peers.iter().enumerate().skip(1) {
             all.push(format!("cloud{index}.in_flight:={}", peer.in_flight));
             all.push(format!("cloud{index}.limit:={}", peer.limit));
+            if peer.is_called {
+                all.push(format!("cloud{index}.grpc.url:=http://localhost:1"));
+            }
             if peer.hints {
                 all.push(format!("cloud{index}.hints:=late{index}"));
             }
@@ -133,23 +137,22 @@ impl Scenario {
     }
 
     /// Returns the settings of the node, which records in this file.
-    pub(super) fn settings(&self, trace: &Path) -> Settings {
+    pub(crate) fn settings(&self, trace: &Path) -> Settings {
         let mut parameters = self.parameters();
         parameters.push(format!("trace.file:={}", trace.display()));
-        let parameters: Vec<_> = parameters.iter().flat_map(|it| ["-p", it]).collect();
-        settings(self.peers.len() - 1, &parameters)
+        in_process::settings(self.peers.len() - 1, &parameters)
     }
 
     /// Returns when everything works again and no lost message is awaited. The messages that wait
     /// for local may be lost one after the other, which takes a second each.
-    pub(super) fn calm(&self) -> Duration {
+    pub(crate) fn calm(&self) -> Duration {
         let inputs = self.inputs.iter().map(|input| input.at);
         let last = inputs.chain(self.turns.iter().map(|turn| turn.0)).max().unwrap_or_default();
         last + Duration::from_secs(4 + self.inputs.len() as u64)
     }
 
     /// Returns the inputs, including the inputs of the calm.
-    pub(super) fn all_inputs(&self) -> Vec<Input> {
+    pub(crate) fn all_inputs(&self) -> Vec<Input> {
         let calm = (0..CALM).map(|number| Input {
             at: self.calm() + APART * u32::try_from(number).unwrap_or(0),
             key: CALM_KEYS + number,
@@ -161,7 +164,7 @@ impl Scenario {
     }
 
     /// Returns the other events, including the events that make everything work again.
-    pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Disturbance)> {
+    pub(crate) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Disturbance)> {
         let set = |change| Disturbance::Set(change);
         let mut last = vec![
             Disturbance::Activate(true),
@@ -178,7 +181,7 @@ impl Scenario {
     }
 
     /// Returns when the node is stopped.
-    pub(super) fn end(&self) -> Duration {
+    pub(crate) fn end(&self) -> Duration {
         self.calm() + APART * u32::try_from(CALM).unwrap_or(0) + Duration::from_secs(2)
     }
 }
@@ -197,10 +200,15 @@ impl fmt::Display for Scenario {
     }
 }
 
+/// Returns the name of a peer.
+pub(crate) fn name(index: usize) -> String {
+    if index == LOCAL { "local".into() } else { format!("cloud{index}") }
+}
+
 impl Delivery {
     /// Returns a delivery in which nothing goes wrong. The result of a peer with a greater priority
     /// comes later.
-    pub(super) fn fair(index: usize) -> Self {
+    pub(crate) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
         let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };
         Self { delay: Some(Duration::from_millis(2)), took, replies: vec![reply] }

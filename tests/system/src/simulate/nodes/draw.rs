@@ -2,18 +2,20 @@
 
 use std::time::Duration;
 
+use fuseline_ros2::Commit;
+use fuseline_ros2::settings::Change;
 use fuseline_testkit::Rng;
 
-use super::scenario::{Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario};
-use crate::Commit;
-use crate::settings::Change;
+use crate::simulate::nodes::scenario::{
+    Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario,
+};
 
 /// The deadlines in ms. None is longer than the time for which a calm waits.
 const DEADLINES: [u64; 6] = [10, 30, 60, 100, 500, 1000];
 
 impl Scenario {
     /// Draws the run of this seed.
-    pub(super) fn draw(seed: u64) -> Self {
+    pub(crate) fn of_seed(seed: u64) -> Self {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
         let clouds = rng.one_of(&[0, 1, 1, 2, 2, 3]);

@@ -1,24 +1,10 @@
 //! Makes a run smaller as long as it breaks the same check.
 
-use std::convert::Infallible;
 use std::ops::Range;
-use std::time::{Duration, Instant};
 
-use fuseline_testkit::{Simplification, Steps, shrink};
+use fuseline_testkit::{Simplification, Steps};
 
-use super::scenario::{Delivery, Form, Scenario};
-
-/// The search for a smaller scenario takes at most this long.
-const TRIES: Duration = Duration::from_secs(20);
-
-/// Returns the smallest run that was found for which `breaks` is true.
-pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) -> Scenario {
-    let start = Instant::now();
-    let Ok(smallest) = shrink(scenario.clone(), simplifications, |smaller| {
-        Ok::<_, Infallible>(start.elapsed() <= TRIES && breaks(smaller))
-    });
-    smallest
-}
+use crate::simulate::nodes::scenario::{Delivery, Form, Scenario};
 
 /// The steps are the inputs, then the disturbances.
 impl Steps for Scenario {
@@ -34,7 +20,7 @@ impl Steps for Scenario {
 }
 
 /// Returns simplifications. Each of them removes one thing.
-fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
+pub(crate) fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     let inputs = 0..scenario.inputs.len().min(40);
     for index in 0..scenario.peers.len() {

@@ -1,23 +1,24 @@
 //! The checks that must hold for every run, by name.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use fuseline_engine::Trigger;
-use fuseline_system_tests::judge::account;
-use fuseline_system_tests::judge::replay::{DecidedItem, Departure};
-use fuseline_system_tests::judge::{self, Check, Finding, ensure};
+use fuseline_ros2::in_process::DiagnosticStatus;
+use fuseline_traces::nanos;
 
-use super::facts::{Facts, value};
-use super::play::StatusReport;
-use super::scenario::Form;
-use crate::fusion::LOCAL;
-use crate::report::DiagnosticStatus;
+use crate::judge::account;
+use crate::judge::replay::{DecidedItem, Departure};
+use crate::judge::{self, Check, Finding, ensure};
+
+use crate::simulate::nodes::facts::{Facts, value};
+use crate::simulate::nodes::play::StatusReport;
+use crate::simulate::nodes::scenario::{Form, name};
+use crate::simulate::value::ValueLabel;
 
 type HoldsFor = fn(&Facts<'_>) -> Result<(), String>;
 
 /// All checks.
-pub(super) const CHECKS: &[Check<HoldsFor>] = &[
+pub const CHECKS: &[Check<HoldsFor>] = &[
     // There are no facts about a run without end, nor about a trace that is not whole.
     Check { name: "d8_everything_ends", holds: |_| Ok(()) },
     Check { name: "d10_whole_trace", holds: |_| Ok(()) },
@@ -35,7 +36,7 @@ pub(super) const CHECKS: &[Check<HoldsFor>] = &[
 
 impl Facts<'_> {
     /// Returns the checks that do not hold.
-    pub(super) fn findings(&self) -> Vec<Finding> {
+    pub(crate) fn findings(&self) -> Vec<Finding> {
         judge::findings(CHECKS, |holds| holds(self))
     }
 }
@@ -80,14 +81,14 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
 
 /// Checks that outputs and hints are results of their own messages and sources (D2).
 fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
-    let is_of = |value: super::play::Value, t: usize, index: usize| {
+    let is_of = |value: ValueLabel, t: usize, index: usize| {
         let serial = facts.messages.get(t).map(|message| message.serial);
         let key = serial.map(|serial| facts.inputs[serial].key);
         // If two inputs have the same key at the same instant, one of them may have come just
         // before an activation.
         let is_same = serial.is_some_and(|serial| facts.is_doubled_at_once(serial));
-        Some(value.key) == key
-            && value.index == index
+        Some(value.t) == key
+            && usize::from(value.p) == index
             && facts.inputs.get(value.serial).map(|input| input.key) == key
             && (is_same || Some(value.serial) == serial)
     };
@@ -141,30 +142,28 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
             })?;
         }
     }
-    ensure(facts.played.log.disobeyed.is_none(), || {
-        format!("an order of the manager ended so: {:?}", facts.played.log.disobeyed)
-    })
+    ensure(!facts.played.log.is_disobedient, || "an order of the manager failed".to_owned())
 }
 
 /// Returns `true` if a status, with its output on the right topic, is what the trace decided.
 fn is_decided(revision: usize, item: &DecidedItem, reported: &StatusReport) -> bool {
     let (source, rule, is_revision) = match item.departure {
-        Departure::Preliminary(p) => (Some(name(p)), Some("F9"), Some(true)),
+        Departure::Preliminary(p) => (Some(name(p.into())), Some("F9"), Some(true)),
         Departure::Forwarded(p, trigger) => {
             let rule = match trigger {
                 Trigger::Arrival => "F3",
                 Trigger::Failure => "F4",
                 Trigger::Timer => "F5",
             };
-            (Some(name(p)), Some(rule), Some(false))
+            (Some(name(p.into())), Some(rule), Some(false))
         }
-        Departure::Final(p) => (Some(name(p)), Some("F9"), Some(false)),
+        Departure::Final(p) => (Some(name(p.into())), Some("F9"), Some(false)),
         Departure::Missed | Departure::Refused(_) => (None, None, None),
     };
     let words = match item.departure {
-        Departure::Preliminary(p) => format!("{}, preliminary", name(p)),
+        Departure::Preliminary(p) => format!("{}, preliminary", name(p.into())),
         Departure::Forwarded(..) => reported.status.message.clone(),
-        Departure::Final(p) => format!("{}, final", name(p)),
+        Departure::Final(p) => format!("{}, final", name(p.into())),
         Departure::Missed => "missed".to_owned(),
         Departure::Refused(why) => format!("refused: {why}"),
     };
@@ -309,7 +308,6 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
 /// came. A setting of the same instant may or may not apply, because it may come on another topic
 /// (D16).
 fn as_set(facts: &Facts<'_>) -> Result<(), String> {
-    let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
     for (message, opened) in facts.pairs() {
         let states: Vec<_> = facts.states(facts.played.log.arrived_at[message.serial]).collect();
         let is_refused = matches!(opened.end, Some(Departure::Refused(_)));
@@ -334,8 +332,4 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
         })?;
     }
     Ok(())
-}
-
-fn name(p: u16) -> String {
-    if usize::from(p) == LOCAL { "local".into() } else { format!("cloud{p}") }
 }

@@ -1,0 +1,285 @@
+//! A node whose topics are within this process. Its tests and its simulator use it.
+
+use std::sync::Arc;
+
+use fuseline_engine::{Counting, Tally};
+use fuseline_tokio::{Call, Error, StampedValue};
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+
+use crate::arguments::Arguments;
+use crate::error::NodeError;
+use crate::lifecycle::{LifecycleRequest, LifecycleRequests, LifecycleTask, TransitionResult};
+use crate::middleware::{DecodeError, Endpoint, Publish, ReceivedPayload};
+use crate::node::{self, ExternalInputs, OpenNode, OpenTopics};
+use crate::raw::Payload;
+pub use crate::report::{DiagnosticStatus, KeyValue};
+use crate::settings::{Change, CloudConnection, Settings};
+use crate::source::{NodeSource, Route, UnmatchedResults};
+use crate::status_publisher::PublishStatus;
+use crate::stop::Stop;
+
+/// A topic on which the node publishes. Local has the number 0, and the clouds follow.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PublishedTopic {
+    /// The requests to a source.
+    Requests(usize),
+    /// The late results of a source.
+    Hints(usize),
+    /// The outputs.
+    Output,
+    /// The preliminary results.
+    Revisions,
+}
+
+/// A topic on which the node receives.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ReceivedTopic {
+    /// The messages.
+    Input,
+    /// The results of a source.
+    Results(usize),
+    /// The deadline that the environment decides.
+    Deadline,
+    /// The vehicle's speed.
+    Speed,
+}
+
+/// Everything around a node: the subscribers of its topics, and its servers.
+pub trait Surroundings: Send + Sync + 'static {
+    /// Takes what the node publishes. Returns `false` if a subscriber is too far behind.
+    fn publish(self: &Arc<Self>, topic: PublishedTopic, payload: Payload) -> bool;
+
+    /// Returns the number of subscribers of a topic.
+    fn subscribers(&self, topic: PublishedTopic) -> usize;
+
+    /// Answers a call of a cloud behind gRPC.
+    fn call(
+        self: &Arc<Self>,
+        cloud: usize,
+        request: Payload,
+        call: Call,
+    ) -> impl Future<Output = Result<Payload, Error>> + Send + 'static;
+
+    /// Takes what became of a message.
+    fn status(&self, status: DiagnosticStatus);
+
+    /// Takes the state of the node.
+    fn diagnostics(&self, statuses: Vec<DiagnosticStatus>);
+}
+
+/// Sends to a node, on its topics and from its user.
+pub struct NodeSenders {
+    pub(crate) inputs: mpsc::Sender<ReceivedPayload>,
+    pub(crate) results: mpsc::Sender<(usize, ReceivedPayload)>,
+    deadlines: mpsc::Sender<ReceivedPayload>,
+    speeds: mpsc::Sender<ReceivedPayload>,
+    changes: mpsc::UnboundedSender<Change>,
+    orders: mpsc::Sender<LifecycleRequest>,
+}
+
+/// What surrounds a running node, its task, and its counts meanwhile.
+pub type RunningNode<S> = (Arc<S>, JoinHandle<Result<Tally, NodeError>>, Counting);
+
+/// A topic's publisher.
+struct Publisher<S> {
+    surroundings: Arc<S>,
+    topic: PublishedTopic,
+    end: Arc<Endpoint>,
+}
+
+struct StatusPublisher<S>(Arc<S>);
+
+/// The type of all messages.
+const TYPE: &str = "tests/msg/Text";
+
+/// Returns the settings of a node with these parameters and this many clouds, `cloud1` and so on.
+/// Its messages and results begin with their keys.
+///
+/// # Panics
+/// Panics if a node would refuse the parameters.
+#[must_use]
+pub fn settings(clouds: usize, parameters: &[impl AsRef<str>]) -> Settings {
+    let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
+    let mut args = format!(
+        "--ros-args -r __node:=node -p timers:=tokio -p input.type:={TYPE} -p output.type:={TYPE} \
+         -p input.key:=uint64 -p output.key:=uint64 -p clouds:=[{}]",
+        names.join(",")
+    );
+    for parameter in parameters {
+        args += " -p ";
+        args += parameter.as_ref();
+    }
+    let arguments = Arguments::parse(args.split(' ').map(Into::into)).expect("arguments");
+    Settings::from(&arguments, |_| None).expect("a node's parameters")
+}
+
+/// Starts a node within a tokio runtime. `surroundings` gets what sends to the node.
+///
+/// # Errors
+/// Returns an error if its trace cannot be made.
+pub fn start<S: Surroundings>(
+    settings: Settings,
+    surroundings: impl FnOnce(NodeSenders) -> S,
+) -> Result<RunningNode<S>, NodeError> {
+    let (engine, created) = node::recorded(&settings)?;
+    created.keep();
+    let counting = engine.counts();
+    let (sent_inputs, inputs) = mpsc::channel(1024);
+    let (sent_results, results) = mpsc::channel(64);
+    let (sent_deadlines, deadlines) = mpsc::channel(1);
+    let (sent_speeds, speeds) = mpsc::channel(1);
+    let (sent_changes, mut changes) = mpsc::unbounded_channel();
+    let (sent_orders, reported) = mpsc::channel(1);
+    let surroundings = Arc::new(surroundings(NodeSenders {
+        inputs: sent_inputs,
+        results: sent_results,
+        deadlines: sent_deadlines,
+        speeds: sent_speeds,
+        changes: sent_changes,
+        orders: sent_orders,
+    }));
+    let revisions = settings.revisions.as_deref();
+    let topics = OpenTopics {
+        sources: sources(&settings, &surroundings),
+        output: publisher(&surroundings, PublishedTopic::Output, &settings.output.topic),
+        revisions: revisions.map(|name| publisher(&surroundings, PublishedTopic::Revisions, name)),
+        ends: Vec::new(),
+        inputs,
+        results,
+        deadlines,
+        speeds,
+    };
+    let status_publisher = Box::new(StatusPublisher(Arc::clone(&surroundings)));
+    let running = tokio::spawn(async move {
+        let mut stop = Stop::never();
+        let mut orders = LifecycleRequests { reported, is_active: false, last: None };
+        let outside = ExternalInputs {
+            changes: &mut changes,
+            orders: settings.lifecycle.then_some(&mut orders),
+            stop: &mut stop,
+        };
+        let open = OpenNode::new(&settings, engine, topics, status_publisher, outside)?;
+        let ended = open.run().await;
+        if let Some(order) = orders.last.take() {
+            order.done(TransitionResult::Success);
+        }
+        ended
+    });
+    Ok((surroundings, running, counting))
+}
+
+impl NodeSenders {
+    /// Sends a sample on a topic, or one that is not CDR. Returns `false` if the node has ended.
+    pub async fn send(&self, topic: ReceivedTopic, sample: Option<Payload>) -> bool {
+        let sample = sample.ok_or_else(|| DecodeError("not CDR".into()));
+        match topic {
+            ReceivedTopic::Input => self.inputs.send(sample).await.is_ok(),
+            ReceivedTopic::Results(source) => self.results.send((source, sample)).await.is_ok(),
+            ReceivedTopic::Deadline => self.deadlines.send(sample).await.is_ok(),
+            ReceivedTopic::Speed => self.speeds.send(sample).await.is_ok(),
+        }
+    }
+
+    /// Sets a parameter. Returns `false` if the node has ended.
+    #[must_use]
+    pub fn set(&self, change: Change) -> bool {
+        self.changes.send(change).is_ok()
+    }
+
+    /// Activates or deactivates a managed node. Returns `true` if the node did so.
+    pub async fn activate(&self, is_active: bool) -> bool {
+        let task = if is_active { LifecycleTask::Activate } else { LifecycleTask::Deactivate };
+        self.order(task).await.await == Ok(TransitionResult::Success)
+    }
+
+    /// Ends a managed node. Returns `true` if it ended well.
+    pub async fn clean_up(&self) -> bool {
+        self.order(LifecycleTask::CleanUp).await.await == Ok(TransitionResult::Success)
+    }
+
+    /// Orders a managed node to change its state. The receiver gets the result.
+    pub(crate) async fn order(&self, task: LifecycleTask) -> oneshot::Receiver<TransitionResult> {
+        let (order, done) = LifecycleRequest::new(task);
+        // If the node has ended, the receiver gets an error.
+        let _ = self.orders.send(order).await;
+        done
+    }
+}
+
+/// Returns local and the clouds, with their topics or their servers.
+fn sources<S: Surroundings>(settings: &Settings, surroundings: &Arc<S>) -> Vec<NodeSource> {
+    let local = &settings.local;
+    let topics = |number, requests: &str, results: &str| {
+        let results = Endpoint::new(results, TYPE);
+        results.change([7; 16], 1, None);
+        let requests = publisher(surroundings, PublishedTopic::Requests(number), requests);
+        Route::Topics { requests, results: Arc::new(results) }
+    };
+    let mut sources = vec![NodeSource {
+        priority: 0,
+        name: "local".into(),
+        route: topics(0, &local.input, &local.output),
+        enabled: true,
+        deadline: Some(local.deadline),
+        hints: None,
+        unmatched: UnmatchedResults::default(),
+    }];
+    for (number, cloud) in (1..).zip(&settings.clouds) {
+        let hints = cloud.hints.as_deref();
+        sources.push(NodeSource {
+            priority: cloud.priority,
+            name: cloud.name.clone(),
+            route: match &cloud.way {
+                CloudConnection::Topics { input, output, .. } => topics(number, input, output),
+                CloudConnection::Grpc(_) => server(surroundings, number),
+            },
+            enabled: cloud.enabled,
+            deadline: cloud.deadline,
+            hints: hints.map(|name| publisher(surroundings, PublishedTopic::Hints(number), name)),
+            unmatched: UnmatchedResults::default(),
+        });
+    }
+    sources
+}
+
+fn server<S: Surroundings>(surroundings: &Arc<S>, cloud: usize) -> Route {
+    let surroundings = Arc::clone(surroundings);
+    Route::Grpc(Arc::new(move |request, call| {
+        let answer = surroundings.call(cloud, request, call);
+        Box::pin(async { Ok(StampedValue::from(answer.await?)) })
+    }))
+}
+
+fn publisher<S: Surroundings>(
+    surroundings: &Arc<S>,
+    topic: PublishedTopic,
+    name: &str,
+) -> Box<dyn Publish> {
+    let end = Arc::new(Endpoint::new(name, TYPE));
+    Box::new(Publisher { surroundings: Arc::clone(surroundings), topic, end })
+}
+
+impl<S: Surroundings> Publish for Publisher<S> {
+    fn publish(&self, payload: Payload) -> bool {
+        self.surroundings.publish(self.topic, payload)
+    }
+
+    fn matched(&self) -> usize {
+        self.surroundings.subscribers(self.topic)
+    }
+
+    fn end(&self) -> &Arc<Endpoint> {
+        &self.end
+    }
+}
+
+impl<S: Surroundings> PublishStatus for StatusPublisher<S> {
+    fn status(&self, status: DiagnosticStatus) {
+        self.0.status(status);
+    }
+
+    fn diagnostics(&self, statuses: Vec<DiagnosticStatus>) {
+        self.0.diagnostics(statuses);
+    }
+}
