@@ -12,6 +12,7 @@ from fuseline._errors import in_one_line
 from fuseline._fuseline import Calls, Engine
 from fuseline._item import Call, Ending, Item, Lineage, check_capture
 from fuseline._local import Local
+from fuseline._loop import LONGEST_SLEEP
 from fuseline._recording import GRACE, Recording
 from fuseline._sources import (
     OutputHandlers,
@@ -51,8 +52,6 @@ Clock = Callable[[], int]
 _FORWARDED, _PRELIMINARY = Ending.FORWARDED, Ending.PRELIMINARY
 _FINAL = Ending.FINAL
 
-#: The longest sleep, in nanoseconds: a day.
-_DAY = 86_400_000_000_000
 #: A source gets no more requests once this many of its tasks continue beyond its bound (D8).
 OVERDUE_TASKS = 1024
 
@@ -278,7 +277,7 @@ class Driver(Generic[M, V]):
         """Sets the timer. It is never moved later, which would cost more than it saves."""
         if self._timer is not None:
             self._timer.cancel()
-        left = min(max(due - now, 0), _DAY)
+        left = min(max(due - now, 0), LONGEST_SLEEP)
         self._timer = self._loop.call_at(self._loop.time() + left / 1e9, self._wake_up)
 
     def _wake_up(self) -> None:

@@ -20,7 +20,7 @@ from fuseline._counts import Counts
 from fuseline._errors import Closed, ConfigError, Full
 from fuseline._fuseline import Aligner, Latency, nanoseconds
 from fuseline._item import Ending, Item, Lineage, check_capture, fields_of
-from fuseline._loop import ReaderList, WaiterList
+from fuseline._loop import LONGEST_SLEEP, ReaderList, WaiterList
 from fuseline._snapshot import snapshot
 from fuseline._wiring import (
     check_clock,
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _log = logging.getLogger("fuseline")
-#: The longest sleep, in nanoseconds: a day.
-_DAY = 86_400_000_000_000
 #: The number of seconds that a message from another thread may wait for the loop.
 HANDOVER = 1.0
 
@@ -444,7 +442,7 @@ class Join:
         due = aligner.next_due
         if due is not None:
             loop = asyncio.get_running_loop()
-            left = min(max(due - self._clock(), 0), _DAY)
+            left = min(max(due - self._clock(), 0), LONGEST_SLEEP)
             self._timer = loop.call_at(loop.time() + left / 1e9, self._tick)
 
     def _tick(self) -> None:

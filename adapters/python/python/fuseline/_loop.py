@@ -11,6 +11,9 @@ T = TypeVar("T")
 
 _log = logging.getLogger("fuseline")
 
+#: The longest sleep, in nanoseconds: a day.
+LONGEST_SLEEP = 86_400_000_000_000
+
 
 class WaiterList:
     """Lets coroutines wait to be woken. It costs nothing while nobody waits."""

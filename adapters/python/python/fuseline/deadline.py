@@ -395,10 +395,7 @@ class Expected(_Capping):
 
     def observations(self) -> list[Observation]:
         """Returns the observed calls, ordered by response, answered ones before given up ones."""
-        return [
-            Observation(ns(age), is_answered, count)
-            for age, is_answered, count in self._expected.observations()
-        ]
+        return _observed(self._expected.observations())
 
 
 class Streaming(Expected):
@@ -489,10 +486,7 @@ class Observations:
 
     def sorted(self) -> list[Observation]:
         """Returns the calls, ordered by response, with answered calls before those given up."""
-        return [
-            Observation(ns(age), is_answered, count)
-            for age, is_answered, count in self._observations.sorted()
-        ]
+        return _observed(self._observations.sorted())
 
     def survival(self, under_way: Sequence[Duration] = ()) -> list[Step]:
         """Returns the estimate of Kaplan and Meier, with a step for each distinct response.
@@ -560,6 +554,10 @@ def compiled(policy: Policy) -> Any:
     if type(policy) is Capped:
         return compiled(policy._cap), compiled(policy._policy)
     return policy
+
+
+def _observed(rows: list[tuple[int, bool, int]]) -> list[Observation]:
+    return [Observation(ns(age), is_answered, count) for age, is_answered, count in rows]
 
 
 def _ends(observations: list[Observation]) -> Iterator[tuple[End, ns]]:

@@ -177,10 +177,7 @@ class Remote:
                 if value is not None:
                     setattr(request.lineage, name, value)
         reply = await self._call("Infer", request, REPLY, call.deadline)
-        of, meant_for = (
-            getattr(reply, name) if reply.HasField(name) else None for name in ("of", "meant_for")
-        )
-        return StampedValue(bytes(reply.payload), of, meant_for)
+        return StampedValue(bytes(reply.payload), *_given(reply, "of", "meant_for"))
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
         """Returns the cloud's description of what it serves, or None if it has none.
@@ -195,13 +192,8 @@ class Remote:
             if isinstance(cause, grpc.RpcError) and cause.code() is grpc.StatusCode.UNIMPLEMENTED:
                 return None
             raise
-        return Description(
-            reply.model,
-            reply.runtime_ms if reply.HasField("runtime_ms") else None,
-            reply.ap if reply.HasField("ap") else None,
-            reply.drive,
-            reply.emulated,
-        )
+        runtime_ms, ap = _given(reply, "runtime_ms", "ap")
+        return Description(reply.model, runtime_ms, ap, reply.drive, reply.emulated)
 
     async def close(self) -> None:
         """Ends the connection."""
@@ -435,11 +427,8 @@ def _lineage(request: Any) -> tuple[Lineage | None, float | None]:
     """Returns a request's lineage, and its age in seconds as the request states it."""
     if not request.HasField("lineage"):
         return None, None
-    sent = request.lineage
-    origin, seq, age, within = (
-        getattr(sent, name) if sent.HasField(name) else None
-        for name in ("origin", "seq", "age_ns", "within_ns")
-    )
+    names = "origin", "seq", "age_ns", "within_ns"
+    origin, seq, age, within = _given(request.lineage, *names)
     captured = None if age is None else time.monotonic_ns() - age
     lineage = Lineage(
         origin,
@@ -448,6 +437,11 @@ def _lineage(request: Any) -> tuple[Lineage | None, float | None]:
         None if within is None else ns(within),
     )
     return lineage, None if age is None else age / 1e9
+
+
+def _given(message: Any, *names: str) -> list[Any]:
+    """Returns these fields of a message. A field that it lacks is None."""
+    return [getattr(message, name) if message.HasField(name) else None for name in names]
 
 
 def _port(parts: Any) -> int | None:
