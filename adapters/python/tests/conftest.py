@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+import subprocess
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -69,6 +71,18 @@ def command() -> str:
     if not path:
         pytest.skip("FUSELINE_COMMAND does not name the command")
     return path
+
+
+@contextmanager
+def serving(command: str, *arguments: str) -> Iterator[str]:
+    """Runs the command's own cloud or forwarder. Yields its URL."""
+    words = [command, "serve", "--listen", "127.0.0.1:0", *arguments]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().rsplit(maxsplit=1)[-1]
+        finally:
+            process.kill()
 
 
 @pytest.fixture(scope="session")

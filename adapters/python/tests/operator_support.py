@@ -1,20 +1,12 @@
-"""Has the code that tests of operators share: clouds and local with a runtime, and a judged run."""
+"""Has the code that tests of operators share: clouds and local with a runtime."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import Any
 
-import fuseline
-from fuseline import (
-    Call,
-    Item,
-    Operator,
-    check,
-    check_observed,
-)
+from fuseline import Call, Item, Operator
 
 Handle = Callable[[Any, Call], Awaitable[Any]]
 
@@ -47,16 +39,6 @@ async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any
     async with operator:
         operator.feed(list(messages) if isinstance(messages, str) else messages)
         return [item async for item in operator]
-
-
-def judged(path: Path, messages: int) -> None:
-    """Checks that a trace conforms strictly, replays byte for byte, and conforms as observed."""
-    verdict = check(path)
-    assert not verdict.violations, str(verdict)
-    assert verdict.judged == messages
-    assert fuseline.replay(path) == path.read_bytes()
-    observed = check_observed(path, tolerance=0, lateness=0)
-    assert not observed.violations, str(observed)
 
 
 def stubborn(seconds: float, count: list[int]) -> Handle:

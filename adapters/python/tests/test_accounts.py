@@ -272,6 +272,7 @@ def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
             assert await operator.read() is None
             with pytest.raises(fuseline.Closed):
                 operator.write(1)
+        assert repr(operator) == "<Operator 'operator' clouds=['cloud-1'] over, 4 messages>"
         # Calls whose request is still being encoded have not begun.
         assert 4 <= calls[0] == calls[1]
         driver = operator._driver
@@ -336,26 +337,6 @@ def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -
     run(main)
 
 
-def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptureFixture) -> None:
-    """Each message from another thread is accepted or counted (D8)."""
-    operator = Operator(local_after(0), window=2)
-    with pytest.raises(fuseline.ConfigError, match="has not started"):
-        operator.feed([1])
-
-    async def main() -> None:
-        async with operator:
-            operator.write(0)
-            with pytest.raises(RuntimeError, match="feed was called in another thread"):
-                await asyncio.to_thread(operator.feed, [1])
-
-    asyncio.run(main())
-    # The loop is closed, and more messages come than the window has room for.
-    for _ in range(5):
-        with pytest.raises(fuseline.Closed, match="loop has ended"):
-            operator.write_threadsafe(1)
-    assert operator.counts["operator", "message", "not taken"] == 5
-
-
 def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -371,15 +352,9 @@ def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
     async def main(loop: VirtualLoop) -> None:
         join = Join(wait=1.0, clock=loop.time_ns)
         left = join.aligned("left")
-        with pytest.raises(fuseline.ConfigError, match="not started"):
-            left.write(1)
         join.items("objects", broken())
         join.on_drop(fails)
         async with join:
-            with pytest.raises(fuseline.ConfigError, match="started before"):
-                await join.__aenter__()
-            with pytest.raises(fuseline.ConfigError, match="after the start"):
-                join.aligned("right")
             left.write("no key")
             # The set does not wait for the input that ended.
             left.write("west", Lineage("left", 0))
@@ -514,9 +489,6 @@ def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any])
             assert closed[-1:] == [name] and not operator._feeds.tasks
 
     run(main)
-    operator = Operator(local_after(0))
-    with pytest.raises(fuseline.ConfigError, match="a substitute's handler"):
-        operator.use_substitute(local_after(0))  # type: ignore[arg-type]
 
 
 def test_a_reader_in_order_gives_what_waits_when_nothing_more_comes(run: Run[Any]) -> None:

@@ -86,21 +86,6 @@ def test_encoding_runs_in_a_thread_and_takes_its_part_of_the_deadline() -> None:
     assert all(0.0 < seconds < 59.98 for seconds in left)
 
 
-def test_an_encoding_that_fails_is_a_failure_of_its_message() -> None:
-    def encode(frame: int) -> bytes:
-        raise StopIteration(frame)
-
-    async def main() -> list[Item[Any]]:
-        operator: Operator[int, Any] = Operator(at_once)
-        operator.use_cloud(echo, once(30.0), str, 1, encode=encode)
-        async with operator:
-            operator.feed([1])
-            return [item async for item in operator]
-
-    (item,) = asyncio.run(main())
-    assert "StopIteration" in item.failures[0].why
-
-
 def test_local_has_a_deadline_of_a_second_unless_it_is_given() -> None:
     def local(message: Any, t: int) -> Any:
         return message

@@ -19,12 +19,8 @@ from fuseline import (
 )
 from fuseline.deadline import (
     Accuracy,
-    Case,
-    Constant,
     Expected,
     Guard,
-    Reason,
-    Situation,
 )
 from fuseline.testing import VirtualLoop
 from operator_support import MS, Handle, after, ask, items_of, local_after
@@ -59,13 +55,18 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
     assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
 
 
+def progressive(loop: VirtualLoop) -> Operator[Any, Any]:
+    """Returns an operator whose first message also waits for a cloud that never answers."""
+    local = Local.task(local_after(10 * MS), at_once=2)
+    operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.time_ns)
+    operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
+    operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
+    return operator
+
+
 def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        local = Local.task(local_after(10 * MS), at_once=2)
-        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.time_ns)
-        operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
-        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
-        async with operator:
+        async with progressive(loop) as operator:
             operator.write("a")
             operator.write("b")
             await asyncio.sleep(15 * MS)
@@ -89,11 +90,7 @@ def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
     run: Run[Any],
 ) -> None:
     async def main(loop: VirtualLoop) -> list[list[Item[Any]]]:
-        local = Local.task(local_after(10 * MS), at_once=2)
-        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.time_ns)
-        operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
-        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
-        async with operator:
+        async with progressive(loop) as operator:
             every = Items(operator)
             last = every.new_reader().last_only()
             operator.write("a")
@@ -138,27 +135,6 @@ def test_a_guard_under_progressive_is_refused_with_the_remedy(run: Run[Any]) -> 
     run(main)
 
 
-def test_what_an_aborted_call_returns_all_the_same_is_not_taken(run: Run[Any]) -> None:
-    async def stubborn(request: Any, call: Call) -> Any:
-        try:
-            await asyncio.sleep(1)
-        except asyncio.CancelledError:
-            return "too late"
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
-        operator.use_cloud(stubborn, ask(10 * MS), str, 1, name="stubborn")
-        async with operator:
-            operator.write("a")
-            await anext(operator)
-            await asyncio.sleep(1)
-        assert not [
-            what for who, what, _ in operator.counts if (who, what) == ("stubborn", "result")
-        ]
-
-    run(main)
-
-
 def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
@@ -171,14 +147,6 @@ def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
             assert (await anext(operator)).value == "a on board"
 
     run(main)
-
-
-def test_a_capped_policy_says_whose_limit_it_is() -> None:
-    capped = Guard().cap(Constant(60.0))
-    chosen = capped.decide(Situation(speed=11.0), 90.0)
-    assert (chosen.reason, chosen.case) == (Reason.GUARD, Case.LOCAL_STOPS)
-    assert chosen == Guard().decide(Situation(speed=11.0), 90.0)
-    assert capped.decide(Situation(speed=11.0), 0.1).reason is Reason.CAP
 
 
 def test_an_error_is_a_failure_of_its_message_alone(
@@ -216,6 +184,8 @@ def test_an_error_is_a_failure_of_its_message_alone(
 def test_a_message_handler_that_fails_does_not_ask(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
+    """A message handler that fails makes no request, and stops no other handler (D7)."""
+
     def broken(message: Any, t: int) -> Any:
         raise RuntimeError("no frame")
 

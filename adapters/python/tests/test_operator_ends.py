@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,31 @@ from fuseline.deadline import (
     Situation,
 )
 from fuseline.testing import VirtualLoop
-from operator_support import MS, after, ask, local_after, stubborn
+from operator_support import MS, Handle, after, ask, local_after, stubborn
+
+
+def use_acting_cloud(
+    operator: Operator[Any, Any], handle: Handle, act: Callable[[str], None]
+) -> None:
+    """Registers a cloud whose policy and handlers call `act` with the place where they are."""
+
+    class ActingPolicy:
+        def decide(self, situation: Situation, cap: Any) -> Chosen:
+            act("policy")
+            return Chosen(cap, Reason.CONSTANT)
+
+        def ended(self, end: End, age: Any) -> None:
+            act("ended")
+
+    def wanted(message: Any, t: int) -> tuple[Any, float]:
+        act("message")
+        return message, 0.1
+
+    def respond(response: Any) -> Any:
+        act("response")
+        return response
+
+    operator.use_cloud(handle, wanted, respond, 1, policy=ActingPolicy())
 
 
 @pytest.mark.parametrize("first", [1, 3])
@@ -52,14 +77,6 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
             if at == where and operator.counts["operator", "message", "accepted"] >= first:
                 operator.stop()
 
-        class Stopping:
-            def decide(self, situation: Situation, cap: Any) -> Chosen:
-                stop("policy")
-                return Chosen(cap, Reason.CONSTANT)
-
-            def ended(self, end: End, age: Any) -> None:
-                stop("ended")
-
         async def handle(request: Any, call: Call) -> Any:
             calls["begun"] += 1
             try:
@@ -68,15 +85,7 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
                 calls["ended"] += 1
             return request
 
-        def ask_and_stop(message: Any, t: int) -> tuple[Any, float]:
-            stop("message")
-            return message, 0.1
-
-        def respond(response: Any) -> Any:
-            stop("response")
-            return response
-
-        operator.use_cloud(handle, ask_and_stop, respond, 1, policy=Stopping())
+        use_acting_cloud(operator, handle, stop)
         operator.use_cloud(after(1), ask(5.0), str, 2)
 
         async def read() -> list[int]:
@@ -115,23 +124,7 @@ def test_closing_in_a_handler_ends_the_operator_once_all_is_answered(
             if at == where:
                 operator.close()
 
-        class Closing:
-            def decide(self, situation: Situation, cap: Any) -> Chosen:
-                close("policy")
-                return Chosen(cap, Reason.CONSTANT)
-
-            def ended(self, end: End, age: Any) -> None:
-                close("ended")
-
-        def ask_and_close(message: Any, t: int) -> tuple[Any, float]:
-            close("message")
-            return message, 0.1
-
-        def respond(response: Any) -> Any:
-            close("response")
-            return response
-
-        operator.use_cloud(after(10 * MS), ask_and_close, respond, 1, policy=Closing())
+        use_acting_cloud(operator, after(10 * MS), close)
         async with operator:
             operator.write("a")
             return [item.value async for item in operator]
@@ -161,40 +154,6 @@ def test_stopping_in_the_situations_handler_takes_no_message_more(
 
     assert run(main) == []
     assert [line.t for line in Trace(trace).lines if line.ev == "open"] == [0]
-
-
-def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
-    run: Run[Any], tmp_path: Path
-) -> None:
-    trace = tmp_path / "trace.jsonl"
-    ended: list[str] = []
-
-    async def handle(request: Any, call: Call) -> Any:
-        try:
-            await asyncio.sleep(100)
-        finally:
-            ended.append(request)
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(50), deadline=None), clock=loop.time_ns, trace=trace
-        )
-        operator.use_cloud(handle, ask(60.0), str, 1)
-        with pytest.raises(KeyError, match="mine"):
-            async with operator:
-                operator.write("a")
-                operator.write("b")
-                await asyncio.sleep(1)
-                raise KeyError("mine")
-        assert [item async for item in operator] == []
-        assert repr(operator) == "<Operator 'operator' clouds=['cloud-1'] over, 2 messages>"
-
-    run(main)
-    assert sorted(ended) == ["a", "b"]
-    verdict = check(trace)
-    assert not verdict.violations
-    # The last line says that the run is over (A44).
-    assert (verdict.lines, list(Trace(trace).lines)[-1].ev) == (8, "tick")
 
 
 def test_calls_that_will_not_end_cost_no_other_call(run: Run[Any]) -> None:

@@ -224,26 +224,6 @@ def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> No
     assert run(main) == pytest.approx(days, abs=2 * MS)
 
 
-def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> None:
-    """Side requests work as before after every kind of end (D8)."""
-    answered: list[str] = []
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(local, window=64, clock=loop.time_ns)
-        operator.use_side_request(disturbed, wanted, answered.append, name="plan", calls=1, limit=2)
-        async with operator:
-            for message in range(MANY):
-                operator.write(message)
-                await operator.read()
-            await asyncio.sleep(10)
-            before = len(answered)
-            operator.write(MANY)
-            await asyncio.sleep(1)
-            assert answered[before:] == [f"{MANY} of the cloud"]
-
-    run(main)
-
-
 def test_messages_from_another_thread_are_taken_after_any_that_were_not(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

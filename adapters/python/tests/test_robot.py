@@ -403,8 +403,6 @@ def test_a_tick_without_an_action_says_so_and_a_new_episode_forgets_the_old_one(
     policy.close()
     with pytest.raises(ConfigError, match="does not run"):
         policy.infer(2)
-    with pytest.raises(ConfigError, match="skip is"):
-        ChunkPlan(RemoteThread(refused), Chunk(1, 1, skip="some"))  # type: ignore[arg-type]
 
 
 def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
@@ -549,11 +547,3 @@ def test_a_policy_on_board_acts_where_the_server_does_not() -> None:
 
     with Always(refused, OnBoard(), period=0.5) as policy:
         assert [policy.infer(t) for t in range(3)] == [0, -1, -2]
-
-
-@pytest.mark.parametrize(
-    "options", [{}, {"period": 0.1, "chunk": Chunk(0, 1)}, {"period": 0.1, "chunk": Chunk(1, -1)}]
-)
-def test_what_makes_no_policy_is_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError):
-        Always(HostileServer(0).connect, Hold(0), **options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import copy
 import gc
 import pickle
 from collections.abc import Callable
@@ -27,11 +26,10 @@ from fuseline import (
     check,
 )
 from fuseline._loop import each
-from fuseline.deadline import End, Observations
 from fuseline.grpc import _plain
 from fuseline.testing import VirtualLoop
 from misuse import elsewhere
-from operator_support import MS, after, ask, local_after
+from operator_support import after, ask, local_after
 
 NOT_STARTED = "the operator has not started; use it with `async with`"
 
@@ -297,22 +295,6 @@ def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> 
     assert given == [(0, 0.1), (1, 0.07), (2, 0.04), (3, 0.01)]
 
 
-def test_an_error_without_words_is_its_type(run: Run[Any]) -> None:
-    async def breaks(message: Any, call: Call) -> Any:
-        raise ConnectionResetError
-
-    async def main(loop: VirtualLoop) -> str:
-        operator = Operator(local_after(MS), clock=loop.time_ns)
-        operator.use_cloud(breaks, ask(5.0), str, 1)
-        async with operator:
-            operator.write(1)
-            item = await operator.read()
-            assert item is not None
-            return item.failures[0].why
-
-    assert run(main) == "ConnectionResetError"
-
-
 @pytest.mark.parametrize("ends", [SystemExit, KeyboardInterrupt])
 def test_what_ends_the_program_in_a_call_ends_it(ends: type[BaseException]) -> None:
     async def handle(message: Any, call: Call) -> Any:
@@ -327,15 +309,6 @@ def test_what_ends_the_program_in_a_call_ends_it(ends: type[BaseException]) -> N
 
     with pytest.raises(ends, match="on purpose"):
         asyncio.run(main())
-
-
-def test_what_is_observed_of_a_cloud_goes_along_with_a_copy() -> None:
-    seen = Observations()
-    for end, age in ((End.ANSWERED, 0.02), (End.CENSORED, 0.05), (End.ANSWERED, 0.02)):
-        seen.add(end, age)
-    for copied in (pickle.loads(pickle.dumps(seen)), copy.deepcopy(seen)):
-        assert copied.sorted() == seen.sorted()
-        assert copied.survival() == seen.survival()
 
 
 @pytest.mark.parametrize(
