@@ -64,16 +64,22 @@ class PlayedNode:
 
 
 def play(
-    run: Run[Any], plan: Plan, steps: list[dict[str, Any] | None], trace: Path | None = None
+    run: Run[Any],
+    plan: Plan,
+    steps: list[dict[str, Any] | None],
+    at: list[int] | None = None,
+    *,
+    outputs: list[str] = OUTPUTS,
+    **options: Any,
 ) -> PlayedNode:
-    """Plays the steps, one a second."""
+    """Plays the steps at these seconds, by default one a second."""
+    clouds = {name: 0.5 for name in plan if name != "local"}
 
     async def main(loop: VirtualLoop) -> PlayedNode:
-        node = PlayedNode(loop, plan, OUTPUTS)
-        path = None if trace is None else str(trace)
-        node.fusion = FusionNode(node, {"west": 0.5}, trace=path, clock=loop.time_ns)
+        node = PlayedNode(loop, plan, outputs)
+        node.fusion = FusionNode(node, clouds, clock=loop.time_ns, **options)
         async with node.fusion.operator:
-            for after, step in enumerate(steps):
+            for after, step in zip(at or range(len(steps)), steps, strict=True):
                 loop.call_later(after, node.fusion.take, step)
             await node.fusion.send_items()
         return node
@@ -98,7 +104,7 @@ def test_each_input_has_the_best_result_that_is_in_time(run: Run[Any], tmp_path:
     trace = tmp_path / "run.jsonl"
     late = {0: 0.4, 1: 0.7, 2: None}
     plan: Plan = {"local": lambda _: 0.1, "west": late.__getitem__}
-    node = play(run, plan, [frame(0), frame(1), frame(2), None], trace)
+    node = play(run, plan, [frame(0), frame(1), frame(2), None], trace=str(trace))
     own = {"request_id": "the camera's own"}
     assert node.sent == [
         ("output", "0 by west", own | {"seq": 0, "fuseline.source": "west"}),
@@ -176,23 +182,8 @@ def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
 def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run[Any]) -> None:
     """Each input is answered, missed or counted as dropped (D8)."""
 
-    async def main(loop: VirtualLoop) -> PlayedNode:
-        node = PlayedNode(loop, {"local": lambda _: 0.1, "west": lambda _: None}, OUTPUTS)
-        node.fusion = FusionNode(node, {"west": 0.5}, clock=loop.time_ns)
-
-        def burst() -> None:
-            for value in range(40):
-                node.fusion.take(frame(value))
-
-        async with node.fusion.operator:
-            loop.call_later(0, burst)
-            loop.call_later(10, node.fusion.take, frame(40))
-            loop.call_later(20, node.fusion.take, None)
-            await node.fusion.send_items()
-        return node
-
-    node = run(main)
-    nothing_waits(node.fusion)
+    plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}
+    node = play(run, plan, [*map(frame, range(41)), None], at=[*[0] * 40, 10, 20])
     assert node.fusion.dropped == {"input": 8}
     missed = [metadata for output, _, metadata in node.sent if output == "missed"]
     assert [it["seq"] for it in missed] == list(range(16, 32))
@@ -240,17 +231,9 @@ def test_events_of_no_concern_change_nothing(
 
 
 def test_a_node_without_the_output_sends_nothing_for_what_is_missed(run: Run[Any]) -> None:
-    async def main(loop: VirtualLoop) -> PlayedNode:
-        node = PlayedNode(loop, {"local": lambda _: None}, ["output", "local_request"])
-        node.fusion = FusionNode(node, {}, local_deadline=0.5, clock=loop.time_ns)
-        async with node.fusion.operator:
-            loop.call_later(0, node.fusion.take, frame(1))
-            loop.call_later(2, node.fusion.take, None)
-            await node.fusion.send_items()
-        return node
-
-    node = run(main)
-    nothing_waits(node.fusion)
+    outputs = ["output", "local_request"]
+    steps = [frame(1), None]
+    node = play(run, {"local": lambda _: None}, steps, outputs=outputs, local_deadline=0.5)
     assert node.sent == []
     assert node.fusion.operator.counts["fusion", "message", "missed"] == 1
 
