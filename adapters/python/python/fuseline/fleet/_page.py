@@ -125,7 +125,7 @@ def _table(heading: str, answer: Answer, none: str = "There is nothing.") -> str
     names, rows = answer
     if not rows:
         return f'<h2>{heading}</h2><p class="dim">{none}</p>'
-    cells = "".join(f"<th{_class(name)}>{_heading(name)}</th>" for name in names)
+    cells = "".join(f"<th{_class(name)}>{SECONDS.get(name, name)}</th>" for name in names)
     lines = [f"<tr>{cells}</tr>"]
     for row in rows:
         cells = "".join(
@@ -145,10 +145,6 @@ SECONDS["latest"] = "latest by, ms"
 
 def _class(name: str) -> str:
     return ' class="text"' if name in WORDS else ""
-
-
-def _heading(name: str) -> str:
-    return SECONDS.get(name, name)
 
 
 def _cell(name: str, value: Any) -> str:
