@@ -241,9 +241,7 @@ async def camera(frames: int) -> AsyncIterator[int]:
         await asyncio.sleep(10 * MS)
 
 
-def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
-    run: Run[Any], tmp_path: Path
-) -> None:
+def test_stopped_operator_gives_everything_back(run: Run[Any], tmp_path: Path) -> None:
     """A stop releases feeds, calls, side requests, encoders, timers and the trace (D8, D10)."""
     calls = [0, 0]
 
@@ -337,7 +335,7 @@ def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -
     run(main)
 
 
-def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
+def test_join_goes_on_after_handlers_that_fail(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     """A join continues after handlers that fail, and reports them (D7, E5)."""
@@ -465,7 +463,7 @@ def test_who_holds_up_the_loop_is_counted_from_the_warning_on(
     run(main)
 
 
-def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any]) -> None:
+def test_source_is_closed_however_its_operator_ends(run: Run[Any]) -> None:
     """A source of messages is closed, however its operator ends (D8)."""
     closed: list[str] = []
 

@@ -179,7 +179,7 @@ def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
     assert [data for _, data, _ in node.sent] == ["0 by local"]
 
 
-def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run[Any]) -> None:
+def test_inputs_are_answered_after_some_found_no_room(run: Run[Any]) -> None:
     """Each input is answered, missed or counted as dropped (D8)."""
 
     plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}
@@ -230,7 +230,7 @@ def test_events_of_no_concern_change_nothing(
     ]
 
 
-def test_a_node_without_the_output_sends_nothing_for_what_is_missed(run: Run[Any]) -> None:
+def test_node_without_missed_output_sends_nothing(run: Run[Any]) -> None:
     outputs = ["output", "local_request"]
     steps = [frame(1), None]
     node = play(run, {"local": lambda _: None}, steps, outputs=outputs, local_deadline=0.5)

@@ -223,7 +223,7 @@ def test_an_observed_trace_is_judged_within_its_tolerance() -> None:
         check_observed(disorder, tolerance=ns(10), lateness=0)
 
 
-def test_single_sources_may_have_tolerances_of_their_own(tmp_path: Path) -> None:
+def test_sources_have_tolerances_of_their_own(tmp_path: Path) -> None:
     trace = b"""{"fuseline":1,"window":16,"clouds":[{"p":1,"name":"west","limit":31}]}
 {"ev":"open","at":0,"t":1}
 {"ev":"request","at":0,"t":1,"p":1,"due":500}
@@ -307,7 +307,7 @@ def test_a_list_of_paths_stands_for_its_traces_and_one_of_lines_is_a_trace(tmp_p
     assert (verdict.file, verdict.lines) == ("lines", len(lines))
 
 
-def test_a_verdict_in_words_and_for_a_notebook_has_each_figure() -> None:
+def test_verdict_has_each_figure_in_words_and_html() -> None:
     whole = (9, 4, "P2", "No late result leaves.", "<late>", "a miss")
     first = Violation(*whole, late=5, story=("3 | open", '4 "emit"'))
     violations = (first, Violation(7, None, *whole[2:]))
@@ -360,7 +360,7 @@ def test_a_trace_is_a_table_of_its_lines() -> None:
     assert [Trace(GOOD).source(p) for p in (0, 1, 9)] == ["local", "cloud-1", "cloud-9"]
 
 
-def test_the_further_keys_are_fields_of_lines_and_columns_of_their_table() -> None:
+def test_further_keys_are_fields_and_columns() -> None:
     trace = b"""{"fuseline":1,"window":16,"local":"none","clouds":[{"p":1,"limit":31,"max_age":3}]}
 {"ev":"open","at":9,"t":1,"within":50,"age":7,"origin":"camera","seq":41,"missing":["right"]}
 {"ev":"request","at":9,"t":1,"p":1,"due":500,"try":2}

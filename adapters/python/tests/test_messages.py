@@ -116,7 +116,7 @@ def test_items_carry_their_messages_if_that_is_wanted(
     assert found == [(ending, it if carry_messages else None) for ending, it in expected]
 
 
-def test_a_cloud_that_is_gone_is_logged_and_once_it_is_back(
+def test_cloud_that_is_gone_is_logged_and_its_return(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     async def flaky(t: int, call: Call) -> int:

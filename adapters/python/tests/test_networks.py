@@ -199,7 +199,7 @@ def test_rival_policies_over_a_trace(run: Run[Any], tmp_path: Path) -> None:
     assert compare(trace, deadline=0.5)[0].accuracy is None
 
 
-def test_the_command_puts_a_network_before_a_server_of_grpcio(command: str, tmp_path: Path) -> None:
+def test_command_puts_a_network_before_a_server(command: str, tmp_path: Path) -> None:
     grpc = pytest.importorskip("grpc")
     drive = tmp_path / "drive.csv"
     drive.write_text("sent_ms,rtt_ms\n0,100\n600000,100\n")

@@ -64,7 +64,7 @@ def progressive(loop: VirtualLoop) -> Operator[Any, Any]:
     return operator
 
 
-def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any]) -> None:
+def test_lagging_reader_gets_the_newest_items(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         async with progressive(loop) as operator:
             operator.write("a")
@@ -86,7 +86,7 @@ def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any])
     ]
 
 
-def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
+def test_last_only_gives_one_item_with_its_value(
     run: Run[Any],
 ) -> None:
     async def main(loop: VirtualLoop) -> list[list[Item[Any]]]:
@@ -181,7 +181,7 @@ def test_an_error_is_a_failure_of_its_message_alone(
     assert "no result will come (timestamp=0, source=broken, why=connection refused)" in caplog.text
 
 
-def test_a_message_handler_that_fails_does_not_ask(
+def test_message_handler_that_fails_does_not_ask(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     """A message handler that fails makes no request, and stops no other handler (D7)."""

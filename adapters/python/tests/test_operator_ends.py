@@ -61,7 +61,7 @@ def use_acting_cloud(
 
 @pytest.mark.parametrize("first", [1, 3])
 @pytest.mark.parametrize("where", ["message", "policy", "ended", "response"])
-def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
+def test_stop_in_a_handler_ends_calls_and_items(
     run: Run[Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, where: str, first: int
 ) -> None:
     """A stop in a handler ends calls and items, and leaves the trace complete (D6, D10)."""
@@ -114,9 +114,7 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
 
 
 @pytest.mark.parametrize("where", ["message", "policy", "ended", "response"])
-def test_closing_in_a_handler_ends_the_operator_once_all_is_answered(
-    run: Run[Any], where: str
-) -> None:
+def test_close_in_a_handler_ends_after_all_answers(run: Run[Any], where: str) -> None:
     async def main(loop: VirtualLoop) -> list[Any]:
         operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.time_ns)
 

@@ -216,7 +216,7 @@ def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
     run(main)
 
 
-def test_the_state_of_a_result_that_is_sent_is_taken_over(run: Run[Any]) -> None:
+def test_state_of_a_sent_result_is_taken_over(run: Run[Any]) -> None:
     """The state of a result that is sent is taken over (E10)."""
     state = CarriedState(0)
 
