@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fuseline_engine::{Counting, Tally};
 use fuseline_tokio::{Call, Error, StampedValue};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 use crate::arguments::Arguments;
@@ -189,21 +189,20 @@ impl NodeSenders {
 
     /// Activates or deactivates a managed node. Returns `true` if the node did so.
     pub async fn activate(&self, is_active: bool) -> bool {
-        let task = if is_active { LifecycleTask::Activate } else { LifecycleTask::Deactivate };
-        self.order(task).await.await == Ok(TransitionResult::Success)
+        self.order(if is_active { LifecycleTask::Activate } else { LifecycleTask::Deactivate })
+            .await
     }
 
     /// Ends a managed node. Returns `true` if it ended well.
     pub async fn clean_up(&self) -> bool {
-        self.order(LifecycleTask::CleanUp).await.await == Ok(TransitionResult::Success)
+        self.order(LifecycleTask::CleanUp).await
     }
 
-    /// Orders a managed node to change its state. The receiver gets the result.
-    pub(crate) async fn order(&self, task: LifecycleTask) -> oneshot::Receiver<TransitionResult> {
+    async fn order(&self, task: LifecycleTask) -> bool {
         let (order, done) = LifecycleRequest::new(task);
-        // If the node has ended, the receiver gets an error.
+        // If the node has ended, `done` gets an error.
         let _ = self.orders.send(order).await;
-        done
+        done.await == Ok(TransitionResult::Success)
     }
 }
 

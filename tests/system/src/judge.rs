@@ -61,12 +61,6 @@ impl BrokenChecks {
         }
     }
 
-    /// Returns `true` if a seed broke the check.
-    #[must_use]
-    pub fn has(&self, check: &str) -> bool {
-        self.0.contains_key(check)
-    }
-
     /// Passes if no seed broke the check.
     ///
     /// # Panics

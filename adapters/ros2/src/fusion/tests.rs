@@ -13,7 +13,6 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
 use crate::in_process::ReceivedTopic;
-use crate::lifecycle::{LifecycleTask, TransitionResult};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
@@ -330,9 +329,8 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     assert!(node.peers.senders.activate(false).await);
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.peers.senders.order(LifecycleTask::CleanUp).await;
-    node.feed(3, [70]).await;
-    assert_eq!(closed.await, Ok(TransitionResult::Success));
+    let (is_closed, ()) = tokio::join!(node.peers.senders.clean_up(), node.feed(3, [70]));
+    assert!(is_closed);
     assert_eq!(node.start.elapsed(), 330 * MS);
     assert_eq!(node.lines(), ["330 ms: 0 local's of 1, asked at 30 ms by F3"]);
 }

@@ -21,7 +21,6 @@ pub struct Graph(u64);
 
 impl Drawn for Graph {
     const OPTION: &str = "graph";
-    const PANICS: &str = "graph";
 
     fn draw(seed: u64) -> Self {
         Self(seed)

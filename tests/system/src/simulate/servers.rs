@@ -23,7 +23,6 @@ pub struct Server(u64);
 
 impl Drawn for Server {
     const OPTION: &str = "server";
-    const PANICS: &str = "server";
 
     fn draw(seed: u64) -> Self {
         Self(seed)

@@ -14,8 +14,8 @@ use crate::judge::{BrokenChecks, Finding};
 /// The greatest number of runs that are tried to make one smaller.
 const TRIES: usize = 3000;
 
-/// A run that takes longer than this hangs: none takes more than some seconds.
-const HANGS: Duration = Duration::from_secs(60);
+/// A run that takes longer than this hangs: none takes more than a second on an idle host.
+const HANGS: Duration = Duration::from_secs(20);
 
 /// The check that a run without end breaks.
 const ENDS: &str = "d8_everything_ends";
@@ -26,7 +26,7 @@ pub trait Drawn: Clone + Send + 'static {
     const OPTION: &str;
 
     /// The check that a run breaks if a panic comes through.
-    const PANICS: &str;
+    const PANICS: &str = Self::OPTION;
 
     /// Draws the run of this seed. The run stays the same as long as the drawing does not change.
     fn draw(seed: u64) -> Self;
@@ -37,12 +37,11 @@ pub trait Drawn: Clone + Send + 'static {
     /// Returns an error if the folder cannot be used.
     fn play(&self, folder: &Path) -> io::Result<Simulated>;
 
-    /// Returns the smallest run that is found for which `breaks` returns `true`.
+    /// Returns the smallest run that is found for which the function returns `true`.
     ///
     /// # Errors
-    /// Returns the first error of `breaks`.
-    fn smallest(&self, breaks: impl FnMut(&Self) -> io::Result<bool>) -> io::Result<Self> {
-        let _ = breaks;
+    /// Returns the first error of the function.
+    fn smallest(&self, _: impl FnMut(&Self) -> io::Result<bool>) -> io::Result<Self> {
         Ok(self.clone())
     }
 

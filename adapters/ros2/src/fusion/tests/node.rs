@@ -85,8 +85,11 @@ impl Surroundings for Peers {
             PublishedTopic::Hints(_) => {
                 self.hints.lock().unwrap().push((self.start.elapsed().as_millis(), published));
             }
-            PublishedTopic::Output => self.published.lock().unwrap()[0] = Some(published),
-            PublishedTopic::Revisions => self.published.lock().unwrap()[1] = Some(published),
+            PublishedTopic::Output | PublishedTopic::Revisions => {
+                let index = usize::from(topic == PublishedTopic::Revisions);
+                let earlier = self.published.lock().unwrap()[index].replace(published);
+                assert_eq!(earlier, None, "an output without a status");
+            }
         }
         true
     }
