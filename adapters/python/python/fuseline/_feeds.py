@@ -143,7 +143,6 @@ class Feeds(Generic[M]):
         if is_unread:
             _log.warning(
                 "%s: %d items wait to be read, and none was read for %s s: no message is taken "
-                "until one is read "
                 "until one is read",
                 self._operator.name,
                 len(self._output.items),
