@@ -43,6 +43,7 @@ fn chapters_quote_their_sources() {
         ("core.md", "impl Operator {", "core/examples/operator.rs"),
         ("c.md", "struct Planner", "adapters/c/README.md"),
         ("c.md", "/* A message comes", "adapters/c/examples/first.c"),
+        ("tokio.md", "let runtime", "adapters/tokio/examples/vehicle.rs"),
         ("pipelines.md", "let mut cameras", "evaluation/examples/paper_vehicle/drive.rs"),
         ("pipelines.md", "Local::future", "evaluation/examples/paper_vehicle/operators.rs"),
     ] {
