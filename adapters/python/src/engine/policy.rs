@@ -70,32 +70,30 @@ impl EnginePolicy {
             let (cap, policy) = (Self::new(&cap, interrupt)?, Self::new(&policy, interrupt)?);
             return Ok(Self::Capped(Box::new(cap.cap(policy))));
         }
-        let traits = Traits::of(policy)?;
+        let traits = Traits::of(policy, interrupt)?;
         Ok(Self::Python(Arc::new(policy.clone().unbind()), interrupt.clone(), traits))
     }
 }
 
 impl Traits {
-    /// Returns the requirements of a policy in Python, from the package's classes that it derives
-    /// from.
-    fn of(policy: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let py = policy.py();
-        let module = py.import("fuseline.deadline")?;
-        let is_of = |class: &str| policy.is_instance(&module.getattr(class)?);
-        if is_of("Capped")? {
-            let [one, other] = [intern!(py, "_cap"), intern!(py, "_policy")]
-                .map(|part| policy.getattr(part).and_then(|part| Self::of(&part)));
-            let (one, other) = (one?, other?);
-            return Ok(Self {
-                assumes_one_output: one.assumes_one_output || other.assumes_one_output,
-                needs_linger: one.needs_linger || other.needs_linger,
-            });
+    /// Returns the requirements of a policy in Python: those of the package's policy that it
+    /// derives from.
+    fn of(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
+        let module = policy.py().import("fuseline.deadline")?;
+        let mut traits = Self::default();
+        for (class, part) in [
+            ("Guard", "_guard"),
+            ("Expected", "_expected"),
+            ("Capped", "_cap"),
+            ("Capped", "_policy"),
+        ] {
+            if policy.is_instance(&module.getattr(class)?)? {
+                let part = EnginePolicy::new(&policy.getattr(part)?, interrupt)?;
+                traits.assumes_one_output |= part.assumes_one_output();
+                traits.needs_linger |= part.needs_linger();
+            }
         }
-        Ok(Self {
-            assumes_one_output: is_of("Guard")?,
-            needs_linger: is_of("Expected")?
-                && policy.getattr(intern!(py, "probe_every"))?.is_none(),
-        })
+        Ok(traits)
     }
 }
 
