@@ -287,7 +287,7 @@ def test_each_part_of_a_lineage_comes_as_it_was_sent(lineage: Lineage, age: floa
         assert age <= since < age + 60.0
 
 
-def test_a_request_without_lineage_is_that_of_before() -> None:
+def test_request_without_lineage_keeps_its_bytes() -> None:
     assert REQUEST(timestamp=7, payload=b"x").SerializeToString() == bytes([8, 7, 18, 1]) + b"x"
     assert REPLY(payload=b"y").SerializeToString() == bytes([10, 1]) + b"y"
     assert not REPLY.FromString(bytes([10, 1]) + b"y").HasField("of")

@@ -60,7 +60,7 @@ class ReaderList(WaiterList):
 
     def wait(self) -> Coroutine[Any, Any, None]:
         """Waits for the next `wake`."""
-        # Each message waits here: a coroutine within a coroutine would cost a hundredth of it.
+        # Each message waits here, and a second coroutine would slow each of them down.
         if self.waiters and not self._is_reported and any(not it.done() for it in self.waiters):
             self._is_reported = True
             report_sharing(self._what)
