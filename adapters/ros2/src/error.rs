@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use fuseline_deadline::Invalid;
-use fuseline_engine::EngineConfigError;
 use fuseline_tokio::grpc::{InvalidToken, RemoteError};
 use rustdds::dds::CreateError;
 use thiserror::Error;
+
+use crate::settings::SettingsError;
 
 /// The reason why a cloud's server cannot be called.
 #[derive(Debug, Error)]
@@ -43,12 +43,9 @@ pub enum GrpcError {
 /// The reason why a node does not run, or did not end well.
 #[derive(Debug, Error)]
 pub enum NodeError {
-    /// There is no machine with these parameters.
-    #[error("the parameters are refused: {0}")]
-    Config(#[from] EngineConfigError),
-    /// The figures make no policy.
-    #[error("the policy's parameters are refused: {0}")]
-    Policy(#[from] Invalid),
+    /// The engine refuses a parameter.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     /// A recording's file cannot be created.
     #[error("{path} cannot be written: {error}", path = path.display())]
     Recording {

@@ -57,8 +57,7 @@ fn main() -> ExitCode {
     match serve(&settings, lines) {
         Ok(code) => code,
         Err(
-            error @ (NodeError::Config(_)
-            | NodeError::Policy(_)
+            error @ (NodeError::Settings(_)
             | NodeError::Recording { .. }
             | NodeError::ZenohConfig(_)
             | NodeError::Grpc { .. }),

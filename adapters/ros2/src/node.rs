@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_engine::{CloudConfig, Counting, Engine, EngineConfig, Local, Tally};
+use fuseline_engine::{Counting, Engine, Tally};
 use fuseline_tokio::drive::{Driver, finish};
 use tokio::sync::mpsc;
 use tracing::info;
@@ -177,15 +177,15 @@ impl<'a> OpenNode<'a> {
     }
 }
 
-/// Checks whether the node could start, as far as that is known without starting it: its parameters
-/// make an operator, the files of its secrets can be read, and the folders of its recordings exist.
+/// Checks whether the node could start, as far as that is known without starting it: the files of
+/// its secrets can be read, and the folders of its recordings exist. [`Settings::from`] has checked
+/// the parameters.
 ///
 /// To be called within a tokio runtime. Nothing is opened, joined or written.
 ///
 /// # Errors
 /// With the first thing that is wrong; [`run`](crate::run) refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
-    engine_config(settings)?.check()?;
     recordings::check(settings)?;
     #[cfg(feature = "zenoh")]
     if settings.needs(settings::Middleware::Zenoh) {
@@ -204,43 +204,13 @@ fn handle(cloud: &settings::Cloud, grpc: &settings::Grpc) -> Result<Handle, Node
     call(grpc).map_err(|error| NodeError::Grpc { cloud: cloud.name.clone(), error })
 }
 
-/// Returns the engine's configuration.
-pub(crate) fn engine_config(settings: &Settings) -> Result<EngineConfig, NodeError> {
-    let cloud = |cloud: &settings::Cloud| {
-        Ok::<_, NodeError>(CloudConfig {
-            name: cloud.name.clone(),
-            limit: Some(cloud.limit),
-            resume: cloud.resume,
-            calls: cloud.in_flight.into(),
-            policy: settings.deadlines.policy()?,
-            linger: cloud.linger,
-            ..CloudConfig::new(cloud.priority)
-        })
-    };
-    Ok(EngineConfig {
-        operator: settings.node.full(),
-        window: settings.window,
-        commit: settings.commit,
-        clouds: settings.clouds.iter().map(cloud).collect::<Result<_, _>>()?,
-        local: Local {
-            at_once: settings.local.in_flight.into(),
-            waiting: Some(settings.local.waiting.into()),
-            may_lose_results: true,
-            ..Local::default()
-        },
-        takes_hints: settings.clouds.iter().any(|cloud| cloud.hints.is_some()),
-        has_doubtful_ages: true,
-        ..EngineConfig::default()
-    })
-}
-
 /// Returns the operator with its recordings, whose files are made.
 pub(crate) fn recorded(
     settings: &Settings,
 ) -> Result<(Engine<Payload, Payload>, CreatedFiles), NodeError> {
-    let config = engine_config(settings)?;
+    let config = settings.engine_config()?;
     let (header, _) = config.header();
-    let mut engine = Engine::new(config)?;
+    let mut engine = Engine::new(config).map_err(|why| settings.refused(why))?;
     let created = recordings::record(&mut engine, settings, &header)?;
     Ok((engine, created))
 }

@@ -4,6 +4,7 @@ mod budget;
 mod cautions;
 mod change;
 mod clouds;
+mod engine;
 mod environment;
 mod error;
 mod middleware;
@@ -238,10 +239,7 @@ impl Settings {
         settings.unheeded = environment.cautions(&settings);
         settings.unheeded.extend(idle);
         settings.unheeded.extend(idle_log_levels(arguments, &node));
-        if let Err(why) = settings.keep_pace() {
-            let (origin, name) = (settings.origin("policy.rate"), "policy.rate".to_owned());
-            return Err(SettingsError::Flaw { origin, name, flaw: SettingsFlaw::Workload(why) });
-        }
+        settings.check()?;
         Ok(settings)
     }
 
@@ -289,7 +287,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let deadline = r.seconds("deadline")?;
     let deadline_topic = r.topic("deadline_topic", None, FLOAT64, Role::Subscription)?;
     let end_to_end = budget::read(r, &input.topic)?;
-    let deadlines = policy::read(r, commit)?;
+    let deadlines = policy::read(r)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window, middleware)?;
     let clouds = clouds::read(r, types, middleware, (deadlines.rate, deadline))?;

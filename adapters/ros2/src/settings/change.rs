@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
-use fuseline_engine::CapacityErrors;
 use thiserror::Error;
 
 use crate::names::nearest;
 use crate::parameters::Value;
 use crate::settings::parameter::{Spec, none_if_zero};
-use crate::settings::{Parameter, Settings};
+use crate::settings::{Parameter, Settings, SettingsError};
 
 /// A parameter's new value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -38,9 +37,9 @@ pub enum ChangeError {
     /// The value is not valid.
     #[error("{0} cannot be {1}; give {2}")]
     Value(String, Value, String),
-    /// The node could not keep up with this value.
+    /// The node would not start with this value, for the reason that the last text says.
     #[error("{0} cannot be {1}: {2}")]
-    Workload(String, Value, CapacityErrors),
+    Refused(String, Value, String),
 }
 
 impl Settings {
@@ -74,17 +73,12 @@ impl Settings {
             ("use_sim_time", _) => Change::SimTime(flag),
             (other, _) => unreachable!("{other} changes while the node runs"),
         };
-        match self.keeps_pace_with(change) {
-            Ok(()) => Ok(change),
-            Err(why) => Err(ChangeError::Workload(name.to_owned(), value.clone(), why)),
-        }
-    }
-
-    /// Checks that the node can keep up after this change.
-    fn keeps_pace_with(&self, change: Change) -> Result<(), CapacityErrors> {
         let mut changed = self.clone();
         changed.apply(change);
-        changed.keep_pace()
+        let refused = |why: SettingsError| {
+            ChangeError::Refused(name.to_owned(), value.clone(), why.to_string())
+        };
+        changed.check().map(|()| change).map_err(refused)
     }
 
     /// Sets a parameter; returns what that changes, and its value as it is kept: a whole number

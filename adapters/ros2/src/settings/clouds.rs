@@ -11,8 +11,6 @@ use crate::settings::{
     Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, SettingsFlaw, middleware, topics,
 };
 
-/// The most clouds, as in the core.
-const CLOUDS: usize = 15;
 /// The part of the node that `/diagnostics` report beside the sources.
 const OWN_REPORT: &str = "fusion";
 
@@ -26,9 +24,7 @@ pub(super) fn read(
     let names = r.names("clouds")?;
     let listed = r.origin("clouds");
     for (at, cloud) in names.iter().enumerate() {
-        let why = if at >= CLOUDS {
-            "there are already 15; leave it out"
-        } else if check_token(cloud).is_err() {
+        let why = if check_token(cloud).is_err() {
             "give a name of letters, digits and single underscores"
         } else if is_reserved(cloud) {
             "the node's own parameters begin with that name; give another name"

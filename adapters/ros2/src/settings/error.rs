@@ -1,6 +1,6 @@
 //! The mistakes that settings can have.
 
-use fuseline_engine::CapacityErrors;
+use fuseline_engine::{CapacityErrors, EngineConfigError};
 use thiserror::Error;
 
 use crate::names::NameError;
@@ -84,12 +84,9 @@ pub enum SettingsFlaw {
          use https, or leave it out"
     )]
     Token(String),
-    /// A policy that promises what holds for one output a message.
-    #[error(
-        "is {0}, whose promise assumes one output for each message, but \
-         commit: progressive may send more; give another policy, or commit: patient"
-    )]
-    Outputs(&'static str),
+    /// The engine refuses the value.
+    #[error("is refused: {0}")]
+    Refused(EngineConfigError),
     /// A guard that could not guard.
     #[error(
         "is {0}, which needs the speed, but no topic reports it; give \

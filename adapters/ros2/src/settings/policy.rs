@@ -7,10 +7,10 @@ use fuseline_deadline::{
     Accuracy, Expected, Guard, Hazard, Impact, Invalid, Metres, MetresPerSecondSquared, Parameters,
     Span,
 };
-use fuseline_engine::{CapacityErrors, Commit, Policy, Workload};
+use fuseline_engine::Policy;
 
 use crate::settings::reader::ParameterReader;
-use crate::settings::{FLOAT64, Role, Settings, SettingsError, SettingsFlaw};
+use crate::settings::{FLOAT64, Role, SettingsError, SettingsFlaw};
 
 /// The type of messages with the vehicle's twist.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
@@ -101,21 +101,6 @@ impl DeadlineSettings {
     }
 }
 
-impl Settings {
-    /// Checks that the node can keep up, if the rate of messages is known and there is a policy.
-    pub(super) fn keep_pace(&self) -> Result<(), CapacityErrors> {
-        let DeadlineSettings { kind, parameters, rate, .. } = &self.deadlines;
-        let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
-        let clouds = || self.clouds.iter();
-        let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
-        let local_response = parameters.local_response.greatest;
-        let workload =
-            Workload { rate, longest_deadline: longest.unwrap_or_default(), local_response };
-        let calls = clouds().map(|cloud| (cloud.name.as_str(), cloud.in_flight.into()));
-        workload.check(self.window.into(), self.local.in_flight.into(), calls)
-    }
-}
-
 impl fmt::Display for DeadlineSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.kind == PolicyKind::Set {
@@ -133,10 +118,7 @@ impl fmt::Display for DeadlineSettings {
 }
 
 /// Reads the parameters of policies.
-pub(super) fn read(
-    r: &mut ParameterReader,
-    commit: Commit,
-) -> Result<DeadlineSettings, SettingsError> {
+pub(super) fn read(r: &mut ParameterReader) -> Result<DeadlineSettings, SettingsError> {
     let kind = r.choice("policy", &PolicyKind::ALL)?;
     let rate = Some(r.figure("policy.rate", None)?).filter(|rate| *rate > 0.0);
     let usual = Parameters::default();
@@ -175,18 +157,10 @@ pub(super) fn read(
         ..usual
     };
     let speed = speed(r)?;
-    let deadlines = DeadlineSettings { kind, parameters, accuracy, probe_every, speed, rate };
-    match deadlines.policy() {
-        Err(why) => return Err(SettingsError::Policy { origin: r.origin("policy"), why }),
-        Ok(Some(policy)) if commit == Commit::Progressive && policy.assumes_one_output() => {
-            return Err(r.flaw("policy", SettingsFlaw::Outputs(kind.as_str())));
-        }
-        Ok(_) => {}
-    }
-    if kind.goes_by_speed() && deadlines.speed.is_none() {
+    if kind.goes_by_speed() && speed.is_none() {
         return Err(r.flaw("policy", SettingsFlaw::Speed(kind.as_str())));
     }
-    Ok(deadlines)
+    Ok(DeadlineSettings { kind, parameters, accuracy, probe_every, speed, rate })
 }
 
 /// A time that is not implausible is not so long.

@@ -200,7 +200,7 @@ fn what_is_wrong_with_a_cloud_is_reported() {
         ("clouds:=[a,a]", "the cloud \"a\": it is given twice; leave one out"),
         (
             "clouds:=[a,b,c,d,e,f,g,h,i,j,k,l,m,x,o,p]",
-            "the cloud \"p\": there are already 15; leave it out",
+            "clouds is refused: 16 clouds; there can be at most 15",
         ),
         ("west.limit:=1", "west.limit is given, but there is no cloud west; add it to clouds"),
     ];

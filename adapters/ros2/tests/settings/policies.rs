@@ -43,9 +43,10 @@ fn d16_policies_are_made_of_their_parameters() {
 
 #[test]
 fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
-    let error = with("-p policy:=guard -p policy.range_cloud:=38.0").unwrap_err();
+    let guard = "-p policy:=guard -p policy.speed_topic:=odom";
+    let error = with(&format!("{guard} -p policy.range_cloud:=38.0")).unwrap_err();
     assert!(error.contains("range is shorter than local's"), "{error}");
-    let error = with("-p policy:=guard -p policy.deceleration:=0.0").unwrap_err();
+    let error = with(&format!("{guard} -p policy.deceleration:=0.0")).unwrap_err();
     assert!(error.contains("deceleration: 0 m/s²; it must be from 0.1 to 20 m/s²"), "{error}");
     let error = with("-p policy:=fast").unwrap_err();
     assert!(error.ends_with("give set, guard, expected or guarded"), "{error}");
@@ -67,14 +68,16 @@ fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
 #[test]
 fn d15_a_guard_under_progressive_is_refused_with_the_remedy() {
     let under = |kind: &str, commit: &str| {
-        with(&format!("-p policy:={kind} -p policy.speed_topic:=odom -p commit:={commit}"))
+        with(&format!(
+            "-p policy:={kind} -p policy.speed_topic:=odom -p commit:={commit} -p clouds:=[west]"
+        ))
     };
     for kind in ["guard", "guarded"] {
         assert_eq!(
             under(kind, "progressive").unwrap_err(),
             format!(
-                "-p policy:={kind}: policy is {kind}, whose promise assumes one output for each message, \
-                 but commit: progressive may send more; give another policy, or commit: patient"
+                "-p policy:={kind}: policy is refused: the policy of west assumes one output for each \
+                 message, but commit progressive may send more; give another policy, or commit patient"
             )
         );
         assert!(under(kind, "patient").is_ok());
@@ -123,7 +126,10 @@ fn d15_a_deadline_that_the_node_cannot_keep_up_with_is_not_set_while_it_runs() {
     assert_eq!(change("west.deadline", 0.3), Ok(Change::CloudDeadline(0, Some(third))));
     for name in ["deadline", "west.deadline"] {
         let error = change(name, 3.0).unwrap_err().to_string();
-        let start = format!("{name} cannot be 3.0: a window of 75 for 30 messages a second");
+        let start = format!(
+            "{name} cannot be 3.0: -p policy.rate:=30: policy.rate is more than the node can keep up \
+             with: a window of 75 for 30 messages a second"
+        );
         assert!(error.starts_with(&start), "{error}");
         assert!(error.contains("give 93, or cap deadlines at "), "{error}");
     }
