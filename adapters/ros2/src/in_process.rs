@@ -1,4 +1,4 @@
-//! A node whose topics are within this process. Its tests and its simulator use it.
+//! Runs the node's loop on topics within this process, for its tests and for the simulator.
 
 use std::sync::Arc;
 
@@ -47,13 +47,13 @@ pub enum ReceivedTopic {
 
 /// Everything around a node: the subscribers of its topics, and its servers.
 pub trait Surroundings: Send + Sync + 'static {
-    /// Takes what the node publishes. Returns `false` if a subscriber is too far behind.
+    /// Receives a payload that the node publishes. Returns `false` if a subscriber is too far behind.
     fn publish(self: &Arc<Self>, topic: PublishedTopic, payload: Payload) -> bool;
 
     /// Returns the number of subscribers of a topic.
     fn subscribers(&self, topic: PublishedTopic) -> usize;
 
-    /// Answers a call of a cloud behind gRPC.
+    /// Answers a request to a cloud behind gRPC. `cloud` counts from 1.
     fn call(
         self: &Arc<Self>,
         cloud: usize,
@@ -61,16 +61,16 @@ pub trait Surroundings: Send + Sync + 'static {
         call: Call,
     ) -> impl Future<Output = Result<Payload, Error>> + Send + 'static;
 
-    /// Takes what became of a message.
+    /// Receives the status of a message.
     fn status(&self, status: DiagnosticStatus);
 
-    /// Takes the state of the node.
+    /// Receives the node's diagnostics.
     fn diagnostics(&self, statuses: Vec<DiagnosticStatus>);
 }
 
 /// Sends to a node, on its topics and from its user.
 pub struct NodeSenders {
-    pub(crate) inputs: mpsc::Sender<ReceivedPayload>,
+    inputs: mpsc::Sender<ReceivedPayload>,
     pub(crate) results: mpsc::Sender<(usize, ReceivedPayload)>,
     deadlines: mpsc::Sender<ReceivedPayload>,
     speeds: mpsc::Sender<ReceivedPayload>,
@@ -78,7 +78,7 @@ pub struct NodeSenders {
     orders: mpsc::Sender<LifecycleRequest>,
 }
 
-/// What surrounds a running node, its task, and its counts meanwhile.
+/// A running node: its surroundings, its task, and its counts so far.
 pub type RunningNode<S> = (Arc<S>, JoinHandle<Result<Tally, NodeError>>, Counting);
 
 /// A topic's publisher.
@@ -99,25 +99,28 @@ const TYPE: &str = "tests/msg/Text";
 /// # Panics
 /// Panics if a node would refuse the parameters.
 #[must_use]
-pub fn settings(clouds: usize, parameters: &[impl AsRef<str>]) -> Settings {
+pub fn settings(clouds: usize, parameters: Vec<String>) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
-    let mut args = format!(
-        "--ros-args -r __node:=node -p timers:=tokio -p input.type:={TYPE} -p output.type:={TYPE} \
-         -p input.key:=uint64 -p output.key:=uint64 -p clouds:=[{}]",
-        names.join(",")
-    );
-    for parameter in parameters {
-        args += " -p ";
-        args += parameter.as_ref();
+    let common = [
+        "timers:=tokio".to_owned(),
+        format!("input.type:={TYPE}"),
+        format!("output.type:={TYPE}"),
+        "input.key:=uint64".to_owned(),
+        "output.key:=uint64".to_owned(),
+        format!("clouds:=[{}]", names.join(",")),
+    ];
+    let mut args = ["--ros-args", "-r", "__node:=node"].map(str::to_owned).to_vec();
+    for parameter in common.into_iter().chain(parameters) {
+        args.extend(["-p".to_owned(), parameter]);
     }
-    let arguments = Arguments::parse(args.split(' ').map(Into::into)).expect("arguments");
+    let arguments = Arguments::parse(args.into_iter().map(Into::into)).expect("arguments");
     Settings::from(&arguments, |_| None).expect("a node's parameters")
 }
 
-/// Starts a node within a tokio runtime. `surroundings` gets what sends to the node.
+/// Starts a node within a tokio runtime. Calls `surroundings` with the senders to the node.
 ///
 /// # Errors
-/// Returns an error if its trace cannot be made.
+/// Returns an error if its trace cannot be created.
 pub fn start<S: Surroundings>(
     settings: Settings,
     surroundings: impl FnOnce(NodeSenders) -> S,
@@ -125,19 +128,19 @@ pub fn start<S: Surroundings>(
     let (engine, created) = node::recorded(&settings)?;
     created.keep();
     let counting = engine.counts();
-    let (sent_inputs, inputs) = mpsc::channel(1024);
-    let (sent_results, results) = mpsc::channel(64);
-    let (sent_deadlines, deadlines) = mpsc::channel(1);
-    let (sent_speeds, speeds) = mpsc::channel(1);
-    let (sent_changes, mut changes) = mpsc::unbounded_channel();
-    let (sent_orders, reported) = mpsc::channel(1);
+    let (input_sender, inputs) = mpsc::channel(1024);
+    let (result_sender, results) = mpsc::channel(64);
+    let (deadline_sender, deadlines) = mpsc::channel(1);
+    let (speed_sender, speeds) = mpsc::channel(1);
+    let (change_sender, mut changes) = mpsc::unbounded_channel();
+    let (order_sender, orders) = mpsc::channel(1);
     let surroundings = Arc::new(surroundings(NodeSenders {
-        inputs: sent_inputs,
-        results: sent_results,
-        deadlines: sent_deadlines,
-        speeds: sent_speeds,
-        changes: sent_changes,
-        orders: sent_orders,
+        inputs: input_sender,
+        results: result_sender,
+        deadlines: deadline_sender,
+        speeds: speed_sender,
+        changes: change_sender,
+        orders: order_sender,
     }));
     let revisions = settings.revisions.as_deref();
     let topics = OpenTopics {
@@ -153,7 +156,7 @@ pub fn start<S: Surroundings>(
     let status_publisher = Box::new(StatusPublisher(Arc::clone(&surroundings)));
     let running = tokio::spawn(async move {
         let mut stop = Stop::never();
-        let mut orders = LifecycleRequests { reported, is_active: false, last: None };
+        let mut orders = LifecycleRequests { reported: orders, is_active: false, last: None };
         let outside = ExternalInputs {
             changes: &mut changes,
             orders: settings.lifecycle.then_some(&mut orders),
@@ -162,7 +165,8 @@ pub fn start<S: Surroundings>(
         let open = OpenNode::new(&settings, engine, topics, status_publisher, outside)?;
         let ended = open.run().await;
         if let Some(order) = orders.last.take() {
-            order.done(TransitionResult::Success);
+            let is_ok = ended.is_ok();
+            order.done(if is_ok { TransitionResult::Success } else { TransitionResult::Error });
         }
         ended
     });
@@ -170,7 +174,8 @@ pub fn start<S: Surroundings>(
 }
 
 impl NodeSenders {
-    /// Sends a sample on a topic, or one that is not CDR. Returns `false` if the node has ended.
+    /// Sends a sample on a topic. `None` stands for a sample that is not CDR. Returns `false` if the
+    /// node has ended.
     pub async fn send(&self, topic: ReceivedTopic, sample: Option<Payload>) -> bool {
         let sample = sample.ok_or_else(|| DecodeError("not CDR".into()));
         match topic {

@@ -4,6 +4,7 @@ pub mod arguments;
 mod clock;
 mod error;
 mod fusion;
+// Hidden: the simulator in tests/system uses it, and it may change in any version.
 #[doc(hidden)]
 pub mod in_process;
 pub mod key;

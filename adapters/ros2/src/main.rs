@@ -117,8 +117,8 @@ fn log(level: Option<Level>) -> PendingLogs {
     let published = rosout.with_filter(ours);
     tracing_subscriber::registry().with(filter).with(to_stderr).with(published).init();
     if !is_asked {
-        // `rustdds` logs by `log`, several times a message. What is below an error ends here, before
-        // it costs anything.
+        // `rustdds` logs through the crate `log`, several times for each message. This drops
+        // everything below an error before a record reaches the filters.
         log::set_max_level(log::LevelFilter::Error);
     }
     if let Some(why) = wrong {

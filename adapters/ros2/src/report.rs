@@ -47,7 +47,7 @@ impl RosTime {
 pub struct DiagnosticStatus {
     /// 0 if all is well, 1 for a warning, 2 for an error.
     pub level: u8,
-    /// The name of what it is about.
+    /// The node's name, and the part of the node that this describes.
     pub name: String,
     /// The state in words.
     pub message: String,

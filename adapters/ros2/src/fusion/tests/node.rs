@@ -161,7 +161,7 @@ impl Node {
             parameters.push(format!("cloud{cloud}.deadline:={deadline:?}"));
             parameters.push(format!("cloud{cloud}.grpc.url:=http://localhost:1"));
         }
-        let settings = settings(clouds.len(), &parameters);
+        let settings = settings(clouds.len(), parameters);
         let peers = |senders| Peers {
             start,
             senders,

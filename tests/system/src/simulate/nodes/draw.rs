@@ -7,7 +7,7 @@ use fuseline_ros2::settings::Change;
 use fuseline_testkit::Rng;
 
 use crate::simulate::nodes::scenario::{
-    Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario,
+    Delivery, Disturbance, Form, Input, Peer, Reply, ReplyKind, Scenario,
 };
 
 /// The deadlines in ms. None is longer than the time for which a calm waits.
@@ -93,10 +93,10 @@ fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
     let replies = if is_lost(rng) { 0 } else { rng.one_of(&[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
     let reply = |rng: &mut Rng| {
         let kind = match rng.u8(0..40) {
-            0 => DisturbanceKind::Stray,
-            1 => DisturbanceKind::Short,
-            2 => DisturbanceKind::NotCdr,
-            _ => DisturbanceKind::Result,
+            0 => ReplyKind::Stray,
+            1 => ReplyKind::Short,
+            2 => ReplyKind::NotCdr,
+            _ => ReplyKind::Result,
         };
         Reply { delay: delay(rng), kind }
     };

@@ -22,7 +22,7 @@ use tokio::time::{Instant, advance, sleep, sleep_until};
 
 use crate::simulate::nodes::facts::Facts;
 use crate::simulate::nodes::scenario::{
-    Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
+    Delivery, Disturbance, Form, Input, Reply, ReplyKind, STRAY_KEYS, Scenario,
 };
 use crate::simulate::nodes::shrink::simplifications;
 use crate::simulate::simulator::{Drawn, Simulated};
@@ -272,17 +272,17 @@ impl SimulationState {
     }
 
     /// Sends a sample to the node on a peer's topic.
-    async fn reply(&self, index: usize, key: u64, serial: usize, kind: DisturbanceKind) {
+    async fn reply(&self, index: usize, key: u64, serial: usize, kind: ReplyKind) {
         let label = self.label(index, key, serial);
         let body = match kind {
-            DisturbanceKind::Result => Some(label.bytes()),
-            DisturbanceKind::Stray => {
+            ReplyKind::Result => Some(label.bytes()),
+            ReplyKind::Stray => {
                 self.log().unmatched[index].unknown_stamp += 1;
                 Some(ValueLabel { t: STRAY_KEYS + serial as u64, ..label }.bytes())
             }
-            DisturbanceKind::Short | DisturbanceKind::NotCdr => {
+            ReplyKind::Short | ReplyKind::NotCdr => {
                 self.log().unmatched[index].malformed += 1;
-                (kind == DisturbanceKind::Short).then(|| vec![4; 7])
+                (kind == ReplyKind::Short).then(|| vec![4; 7])
             }
         };
         // The node may have ended.
@@ -330,7 +330,7 @@ impl Surroundings for SimulationState {
         }
     }
 
-    /// Where a topic would lose a message, the answer never comes.
+    /// A call never ends if a topic would lose its request or its result.
     fn call(
         self: &Arc<Self>,
         index: usize,
@@ -353,12 +353,10 @@ impl Surroundings for SimulationState {
                 return pending().await;
             }
             match reply.kind {
-                DisturbanceKind::Result => {
+                ReplyKind::Result => {
                     Ok(simulation.sample(simulation.label(index, *key, serial).bytes()))
                 }
-                DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
-                    Err("it fails".into())
-                }
+                ReplyKind::Stray | ReplyKind::Short | ReplyKind::NotCdr => Err("it fails".into()),
             }
         }
     }

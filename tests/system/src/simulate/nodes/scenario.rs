@@ -71,11 +71,12 @@ pub(crate) struct Delivery {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Reply {
     pub(crate) delay: Duration,
-    pub(crate) kind: DisturbanceKind,
+    pub(crate) kind: ReplyKind,
 }
 
+/// The form of a reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum DisturbanceKind {
+pub(crate) enum ReplyKind {
     Result,
     /// A result whose key belongs to no message.
     Stray,
@@ -140,7 +141,7 @@ impl Scenario {
     pub(crate) fn settings(&self, trace: &Path) -> Settings {
         let mut parameters = self.parameters();
         parameters.push(format!("trace.file:={}", trace.display()));
-        in_process::settings(self.peers.len() - 1, &parameters)
+        in_process::settings(self.peers.len() - 1, parameters)
     }
 
     /// Returns when everything works again and no lost message is awaited. The messages that wait
@@ -210,7 +211,7 @@ impl Delivery {
     /// comes later.
     pub(crate) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
-        let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };
+        let reply = Reply { delay: Duration::from_millis(2), kind: ReplyKind::Result };
         Self { delay: Some(Duration::from_millis(2)), took, replies: vec![reply] }
     }
 }
