@@ -18,7 +18,7 @@ mod value;
 
 pub use checks::CHECKS;
 pub use graphs::Graph;
-pub use saved_seeds::{KeptSeed, saved_seeds};
+pub use saved_seeds::{SavedSeed, saved_seeds};
 pub use scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
     ScenarioCloud, SourceAction,

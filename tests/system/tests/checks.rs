@@ -3,14 +3,14 @@
 
 use std::sync::LazyLock;
 
-use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, SeedResults, saved_seeds};
+use fuseline_system_tests::simulate::{CHECKS, SavedSeed, Scenario, SeedResults, saved_seeds};
 
 /// Every check that ever caught a seeded fault catches it within this many seeds from 0 on, in a
 /// few seconds.
 const SEEDS: u64 = 300;
 
 static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| {
-    let saved = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed);
+    let saved = saved_seeds().into_iter().map(|SavedSeed { seed, .. }| seed);
     SeedResults::of::<Scenario>(&saved.chain(0..SEEDS).collect::<Vec<_>>())
 });
 

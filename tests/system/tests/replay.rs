@@ -10,11 +10,12 @@ use fuseline_tokio::Commit;
 
 #[test]
 fn a_seed_played_twice_is_the_same_to_the_byte() {
-    let simulator = Simulator::new().unwrap();
+    let mut simulator = Simulator::new().unwrap();
     let mut bytes = 0;
     for seed in 0..60 {
         assert_eq!(Scenario::draw(seed), Scenario::draw(seed));
         let first = simulator.simulate(&Scenario::draw(seed)).unwrap();
+        assert!(first.findings.is_empty(), "seed {seed}: {:?}", first.findings);
         let second = simulator.simulate(&Scenario::draw(seed)).unwrap();
         assert!(first.trace == second.trace, "the traces of seed {seed} differ");
         assert!(
@@ -95,7 +96,7 @@ fn every_kind_of_trouble_is_drawn() {
 /// findings are found and become small.
 #[test]
 fn what_never_ends_is_found_and_becomes_one_message() {
-    let simulator = Simulator::new().unwrap();
+    let mut simulator = Simulator::new().unwrap();
     let seed = (0..1000).find(|seed| {
         let it = Scenario::draw(*seed);
         it.frames.len() > 50 && it.end == Finish::Input && it.disk == Disk::Whole(None)

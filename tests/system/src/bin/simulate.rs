@@ -5,6 +5,7 @@
 //! them.
 
 use std::io::{self, IsTerminal, Write as _};
+use std::panic;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use fuseline_system_tests::simulate::{
-    Drawn, Graph, KeptSeed, Scenario, Server, Simulated, Simulator, nodes, saved_seeds,
+    Drawn, Graph, SavedSeed, Scenario, Server, Simulated, Simulator, nodes, saved_seeds,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,7 +23,7 @@ use serde::Serialize;
 const EXITS: &str = "\
 Exit codes:
   0  every run kept every promise
-  1  one did not: its seed and a smallest run of its kind are printed
+  1  one did not: its seed is printed, with a smaller run that fails too if there is one
   2  bad input, reported in one line
   130  interrupted";
 
@@ -55,8 +56,8 @@ struct Cli {
     /// Play this many fresh seeds, instead of for some time.
     #[arg(long, value_name = "N", conflicts_with_all = ["one", "seconds"])]
     runs: Option<u64>,
-    /// Write the trace of the seed to this file.
-    #[arg(long, value_name = "FILE", requires = "one")]
+    /// Write the trace of an operator or a node to this file.
+    #[arg(long, value_name = "FILE", requires = "one", conflicts_with_all = ["graph", "server"])]
     trace: Option<PathBuf>,
     /// Print one JSON object at the end.
     #[arg(long)]
@@ -89,11 +90,14 @@ struct Sum {
 
 #[derive(Serialize)]
 struct Failed {
-    #[serde(skip)]
+    /// The option of the command that plays this seed.
     option: &'static str,
     seed: u64,
     check: &'static str,
     what: String,
+    #[serde(skip)]
+    hangs: bool,
+    /// The smallest run that was found, or the scenario of a run that hangs.
     smallest: String,
 }
 
@@ -163,7 +167,7 @@ fn search(cli: &Cli) -> io::Result<Sum> {
     let from = cli.from.unwrap_or_else(by_chance);
     let (mut player, mut count) = (Player::new(bar(cli))?, 0_u64);
     player.sum.seeds = Some((from, from));
-    let saved_seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
+    let saved_seeds = saved_seeds().into_iter().map(|SavedSeed { seed, .. }| (seed, false));
     let fresh = (0..).map(|next: u64| (from.wrapping_add(next), true));
     for (seed, is_fresh) in saved_seeds.chain(fresh) {
         let elapsed = player.start.elapsed();
@@ -185,7 +189,7 @@ fn search(cli: &Cli) -> io::Result<Sum> {
             (RUNS_BEFORE_GRAPH, Player::play::<Graph>),
             (RUNS_BEFORE_SERVER, Player::play::<Server>),
         ] {
-            if player.sum.failed.is_none() && count.is_multiple_of(every) {
+            if player.sum.failed.is_none() && (!is_fresh || count.is_multiple_of(every)) {
                 play(&mut player, seed)?;
             }
         }
@@ -226,13 +230,18 @@ impl Player {
         let (check, mut what, mut smallest) = (finding.check, &finding.reason, drawn.text());
         let again;
         if !simulated.hangs {
-            let smaller = self.simulator.smallest(&drawn, check)?;
+            // A smaller run may panic too, and there are thousands of them.
+            let hook = panic::take_hook();
+            panic::set_hook(Box::new(|_| {}));
+            let smaller = self.simulator.smallest(&drawn, check);
+            panic::set_hook(hook);
+            let smaller = smaller?;
             again = self.simulator.simulate(&smaller)?;
             smallest = smaller.text() + &String::from_utf8_lossy(&again.trace);
             what = again.breaks(check).map_or(what, |again| &again.reason);
         }
-        let (option, what) = (D::OPTION, what.clone());
-        self.sum.failed = Some(Failed { option, seed, check, what, smallest });
+        let (option, what, hangs) = (D::OPTION, what.clone(), simulated.hangs);
+        self.sum.failed = Some(Failed { option, seed, check, what, hangs, smallest });
         Ok(simulated.trace)
     }
 
@@ -259,10 +268,13 @@ fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
         serde_json::to_writer(&mut out, sum)?;
         writeln!(out)?;
     } else {
-        if let Some(Failed { option, seed, check, what, smallest }) = &sum.failed {
+        if let Some(Failed { option, seed, check, what, hangs, smallest }) = &sum.failed {
             writeln!(out, "{option} {seed} breaks {check}: {what}")?;
-            if !smallest.is_empty() {
-                writeln!(out, "\na smallest run that breaks it:\n{smallest}")?;
+            // The scenario of a seed that was asked for is printed before its run.
+            let is_printed = *hangs && sum.seeds.is_none();
+            if !smallest.is_empty() && !is_printed {
+                let title = if *hangs { "its scenario" } else { "a smallest run that breaks it" };
+                writeln!(out, "\n{title}:\n{smallest}")?;
             }
             writeln!(out, "again: fuseline-simulate --{option} {seed}")?;
         }

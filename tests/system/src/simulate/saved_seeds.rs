@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// A seed that failed once.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct KeptSeed {
+pub struct SavedSeed {
     /// The seed.
     pub seed: u64,
     /// A description of what was wrong, and of what was done about it.
@@ -17,12 +17,12 @@ pub struct KeptSeed {
 /// # Panics
 /// Panics if `seeds.toml` is not a list of seeds with reasons; a test reads it.
 #[must_use]
-pub fn saved_seeds() -> Vec<KeptSeed> {
+pub fn saved_seeds() -> Vec<SavedSeed> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct File {
         #[serde(default)]
-        seed: Vec<KeptSeed>,
+        seed: Vec<SavedSeed>,
     }
     let file: Result<File, _> = toml::from_str(include_str!("../../simulate/seeds.toml"));
     file.map(|file| file.seed).expect("seeds.toml is a list of seeds with reasons")
