@@ -5,9 +5,9 @@
 #include "fuseline_capacity.hpp"
 #include "fuseline_clock.hpp"
 #include "fuseline_record.hpp"
+#include "holds.h"
 
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <stdexcept>
 
@@ -17,14 +17,6 @@ using namespace std::chrono_literals;
 using fuseline::Commit;
 using fuseline::Priority;
 using fuseline::Timestamp;
-
-#define HOLDS(condition) \
-  do { \
-    if (!(condition)) { \
-      std::fprintf(stderr, "%s:%d does not hold: %s\n", __FILE__, __LINE__, #condition); \
-      std::exit(1); \
-    } \
-  } while (0)
 
 std::uint64_t seed = 7;
 std::uint64_t chance(std::uint64_t below) {

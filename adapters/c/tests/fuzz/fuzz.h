@@ -1,15 +1,20 @@
 /*
- * Shared by the fuzz targets of both kinds of machine: bytes that decide, configurations right and wrong, and a main for
- * valgrind and gcc, which makes its own bytes (-DWITHOUT_LIBFUZZER; its argument says how many cases).
+ * Fuzzing of the C interface with right and wrong use, mixed. Two machines get the same inputs; one of them is misused in
+ * between. Each wrong call must be reported by its status, and must change neither the machine nor the answer. So the two
+ * always answer the same.
+ *
+ * Both fuzz targets share this header. Before a target includes it, the target names its kind of machine: `machine_type`,
+ * `storage_type`, its ALIGNMENT, and OF(function), which names a function of that kind.
+ *
+ * With libFuzzer: clang -fsanitize=fuzzer. With valgrind or gcc: -DWITHOUT_LIBFUZZER, for a main that makes its own bytes;
+ * its argument says how many cases.
  */
 #ifndef FUSELINE_TESTS_FUZZ_H
 #define FUSELINE_TESTS_FUZZ_H
 
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "../holds.h"
 #include "fuseline.h"
 
 /* Part of valgrind's package. */
@@ -21,14 +26,6 @@
 #ifndef VALGRIND_MAKE_MEM_DEFINED
 #define VALGRIND_MAKE_MEM_DEFINED(at, len) ((void)(at), (void)(len))
 #endif
-
-#define HOLDS(condition) \
-  do { \
-    if (!(condition)) { \
-      fprintf(stderr, "line %d does not hold: %s\n", __LINE__, #condition); \
-      abort(); \
-    } \
-  } while (0)
 
 static const uint8_t *bytes;
 static size_t left;
@@ -87,6 +84,83 @@ static fuseline_status spoil(fuseline_config *config, size_t *size, size_t neede
     case 10: config->greatest_deadline = 0; return FUSELINE_STATUS_DEADLINE;
     default: config->clouds = NULL; return FUSELINE_STATUS_NULL;
   }
+}
+
+static storage_type misused, clean, other;
+static machine_type *machine, *twin;
+
+/* Gives an input of this kind to a machine. */
+static fuseline_status input(machine_type *m, unsigned kind, const uint64_t *n, fuseline_answer *a);
+/* Makes the same right call of both machines, and compares what they answer. */
+static void right_call(void);
+
+/* A place in the storage of the machine that is misused. */
+static machine_type *machine_at(size_t offset) { return (machine_type *)(void *)((uint8_t *)&misused + offset); }
+
+static void wrong_call(void) {
+  static union {
+    fuseline_answer answer;
+    uint8_t raw[sizeof(fuseline_answer) + 8];
+  } place, before;
+  const uint64_t n[4] = {UINT64_MAX, number(), 1, 1};
+  unsigned kind = byte();
+  machine_type *m = machine;
+  fuseline_answer *a = &place.answer;
+  fuseline_status expected = FUSELINE_STATUS_FOREIGN;
+  storage_type was = misused;
+  memset(&place, 0x33, sizeof place);
+  before = place;
+  switch (byte() % 8U) {
+    case 0: m = NULL; expected = FUSELINE_STATUS_NULL; break;
+    case 1: a = NULL; expected = FUSELINE_STATUS_NULL; break;
+    case 2: a = (fuseline_answer *)(void *)(place.raw + 1U + byte() % 7U); expected = FUSELINE_STATUS_ALIGNMENT; break;
+    case 3: m = machine_at(1U + byte() % (ALIGNMENT - 1U)); expected = FUSELINE_STATUS_ALIGNMENT; break;
+    case 4: memcpy(&other, &misused, sizeof other); m = (machine_type *)(void *)&other; break;
+    case 5: memset(&other, (int)byte(), sizeof other); m = (machine_type *)(void *)&other; break;
+    case 6: m = machine_at(ALIGNMENT * (1U + byte() % (sizeof misused / ALIGNMENT - 1U))); break;
+    default:
+      a = (fuseline_answer *)(void *)machine_at(8U * (byte() % (OF(bytes)(FUSELINE_CAPACITY_C3W16) / 8U)));
+      expected = FUSELINE_STATUS_OVERLAP;
+      break;
+  }
+  ++wrong_uses;
+  HOLDS(input(m, kind, n, a) == expected);
+  HOLDS(memcmp(&place, &before, sizeof place) == 0);
+  HOLDS(same(&was, &misused, sizeof was));
+}
+
+static void wrong_init(void) {
+  fuseline_config config = valid(0);
+  machine_type *made = NULL;
+  size_t size = sizeof other;
+  fuseline_status expected = spoil(&config, &size, OF(bytes)(FUSELINE_CAPACITY_C3W16));
+  storage_type was;
+  memset(&other, 0x44, sizeof other);
+  was = other;
+  ++wrong_uses;
+  HOLDS(OF(init)(&other, size, &config, &made) == expected);
+  HOLDS(made == NULL);
+  HOLDS(same(&was, &other, sizeof was));
+}
+
+/* Uses new machines as the bytes decide. */
+static void fuzz(const uint8_t *data, size_t size) {
+  fuseline_config config;
+  bytes = data;
+  left = size;
+  config = valid(byte());
+  HOLDS(OF(init)(&misused, sizeof misused, &config, &machine) == FUSELINE_STATUS_DONE);
+  HOLDS(OF(init)(&clean, sizeof clean, &config, &twin) == FUSELINE_STATUS_DONE);
+  while (left > 0) {
+    switch (byte() % 8U) {
+      case 0: wrong_call(); break;
+      case 1: wrong_init(); break;
+      default: right_call(); break;
+    }
+  }
+  HOLDS(OF(end)(machine) == FUSELINE_STATUS_DONE);
+  HOLDS(OF(end)(machine) == FUSELINE_STATUS_FOREIGN);
+  HOLDS(OF(end)(twin) == FUSELINE_STATUS_DONE);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

@@ -2,15 +2,9 @@
 #include "cases.h"
 
 static const uint64_t ms = FUSELINE_MILLISECOND;
-static const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}, {4, 31, 30}};
 static fuseline_storage_c3w16 storage, other;
 static fuseline_machine *machine;
-static fuseline_answer a;
 
-static fuseline_config valid(void) {
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 3, clouds, 1000000000};
-  return config;
-}
 static fuseline_status init(const fuseline_config *config) { return fuseline_init(&storage, sizeof storage, config, &machine); }
 static void fresh(void) {
   const fuseline_config config = valid();
@@ -28,13 +22,6 @@ static void refused(const fuseline_config *config, fuseline_status expected) {
   HOLDS(init(config) == expected);
   HOLDS(machine == NULL && memcmp(&before, &storage, sizeof storage) == 0);
 }
-static void answered(fuseline_status status, fuseline_outcome outcome, fuseline_reason why) {
-  HOLDS(status == FUSELINE_STATUS_DONE);
-  HOLDS(a.outcome == outcome && a.why == why);
-}
-#define REFUSED(call, why) answered(call, FUSELINE_OUTCOME_REFUSED, why)
-#define DROPPED(call, why) answered(call, FUSELINE_OUTCOME_DROPPED, why)
-#define IS(call, outcome) answered(call, outcome, FUSELINE_REASON_NONE)
 static void opened(uint64_t now, uint64_t t) { IS(fuseline_open(machine, now, t, &a), FUSELINE_OUTCOME_ACCEPTED); }
 static void offered(uint64_t now, uint64_t t, uint64_t p) {
   IS(fuseline_offer(machine, now, t, p, 400 * ms, 0, &a), FUSELINE_OUTCOME_ADMITTED);

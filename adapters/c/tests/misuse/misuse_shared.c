@@ -2,31 +2,21 @@
 #include "cases.h"
 
 typedef FUSELINE_SHARED_STORAGE(3, 16) storage_type;
-static const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}};
 static storage_type storage, other;
 static fuseline_shared *machine;
-static fuseline_answer fired, a;
+static fuseline_answer fired;
 static fuseline_message_id message_id;
 
-static fuseline_config valid(void) {
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 3, clouds, 1000000000};
-  return config;
-}
 static void fresh(void) {
   const fuseline_config config = valid();
   HOLDS(fuseline_shared_init(&storage, sizeof storage, &config, &machine) == FUSELINE_STATUS_DONE);
-  HOLDS(fuseline_shared_open(machine, 0, 1, &message_id, &a) == FUSELINE_STATUS_DONE);
-  HOLDS(a.outcome == FUSELINE_OUTCOME_ACCEPTED);
-}
-static void answered(fuseline_status status, fuseline_outcome outcome, fuseline_reason why) {
-  HOLDS(status == FUSELINE_STATUS_DONE);
-  HOLDS(a.outcome == outcome && a.why == why);
+  IS(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED);
 }
 
 CASE(shared_negative_deadline, "gives a negative deadline", "refused `deadline`") {
   fresh();
-  answered(fuseline_shared_offer(machine, 0, message_id, 1, (uint64_t)-20, 0, &fired, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_DEADLINE);
-  answered(fuseline_shared_open_within(machine, 0, 2, (uint64_t)-20, &message_id, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_DEADLINE);
+  REFUSED(fuseline_shared_offer(machine, 0, message_id, 1, (uint64_t)-20, 0, &fired, &a), FUSELINE_REASON_DEADLINE);
+  REFUSED(fuseline_shared_open_within(machine, 0, 2, (uint64_t)-20, &message_id, &a), FUSELINE_REASON_DEADLINE);
 }
 CASE(shared_no_greatest_deadline, "sets no greatest deadline", "status `deadline`") {
   fuseline_config config = valid();
@@ -40,8 +30,8 @@ CASE(shared_other_shape, "requests a shape that the library lacks", "status `cap
   HOLDS(fuseline_shared_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_CAPACITY);
   config.capacity = fuseline_own_capacity();
   HOLDS(fuseline_shared_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_DONE);
-  answered(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED, FUSELINE_REASON_NONE);
-  answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
+  IS(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED);
+  IS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED);
 }
 CASE(shared_window_range, "gives a window of 0, or above the capacity", "status `window`") {
   fuseline_config config = valid();
@@ -91,29 +81,29 @@ CASE(shared_message_id_of_another, "uses a message id of another machine", "stat
   HOLDS(fuseline_shared_open(another, 0, 1, &message_id, &a) == FUSELINE_STATUS_DONE);
   HOLDS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
   HOLDS(fuseline_shared_fail(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
-  answered(fuseline_shared_result(another, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
+  IS(fuseline_shared_result(another, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED);
 }
 CASE(shared_refused_and_used, "uses the message id of a refused open, written over an earlier one", "status `message_id`: not taken for the earlier message") {
   fresh();
-  answered(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_ORDER);
+  REFUSED(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_REASON_ORDER);
   HOLDS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
 }
 CASE(shared_old_message_id, "uses the message id of a retired message", "dropped `superseded`") {
   fresh();
-  answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
-  answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_DROPPED, FUSELINE_REASON_SUPERSEDED);
+  IS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED);
+  DROPPED(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_REASON_SUPERSEDED);
 }
 CASE(shared_null_message_id, "passes a null message id", "status `null`; nothing is opened") {
   fresh();
   HOLDS(fuseline_shared_open(machine, 0, 2, NULL, &a) == FUSELINE_STATUS_NULL);
-  answered(fuseline_shared_open(machine, 0, 2, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED, FUSELINE_REASON_NONE);
+  IS(fuseline_shared_open(machine, 0, 2, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED);
 }
 /* Both answers in one object, or in two that share their last and first bytes, in each function that has two. */
 static void one_place_is_refused(fuseline_answer *first, fuseline_answer *second) {
   uint64_t due = 0;
   fresh();
-  answered(fuseline_shared_offer(machine, 0, message_id, 1, 100, 0, &fired, &a), FUSELINE_OUTCOME_ADMITTED, FUSELINE_REASON_NONE);
-  answered(fuseline_shared_result(machine, 10, message_id, 0, &fired, &a), FUSELINE_OUTCOME_HELD, FUSELINE_REASON_NONE);
+  IS(fuseline_shared_offer(machine, 0, message_id, 1, 100, 0, &fired, &a), FUSELINE_OUTCOME_ADMITTED);
+  IS(fuseline_shared_result(machine, 10, message_id, 0, &fired, &a), FUSELINE_OUTCOME_HELD);
   HOLDS(fuseline_shared_result(machine, 150, message_id, 1, first, second) == FUSELINE_STATUS_OVERLAP);
   HOLDS(fuseline_shared_fail(machine, 150, message_id, 1, first, second) == FUSELINE_STATUS_OVERLAP);
   HOLDS(fuseline_shared_expire(machine, 150, message_id, first, second) == FUSELINE_STATUS_OVERLAP);
