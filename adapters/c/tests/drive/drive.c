@@ -3,8 +3,6 @@
  *
  *     fuseline drive -- ./drive
  */
-#include <unistd.h>
-
 #include "fuseline.h"
 #include "line.h"
 
@@ -118,53 +116,22 @@ static fuseline_status ask(const struct line *line, fuseline_answer *a) {
   }
 }
 
-static void flush(void) {
-  size_t done = 0;
-  while (done < said.len) {
-    ssize_t written = write(1, said.text + done, said.len - done);
-    if (written <= 0) _exit(2);
-    done += (size_t)written;
-  }
-  said.len = 0;
-}
-
-/* 0 if the line was answered. */
+/* 1 if the line was answered. */
 static int reply(const char *text) {
   static struct line line;
   fuseline_answer a;
   fuseline_status status = FUSELINE_STATUS_DONE;
-  if (!line_parse(text, &line)) return 1;
+  if (!line_parse(text, &line)) return 0;
   if (line.kind == LINE_HEADER) {
     status = start(&line);
   } else {
     while ((status = ask(&line, &a)) == FUSELINE_STATUS_AGAIN) {
       fired(&a);
-      if (said.len > sizeof said.text / 2U) flush();
+      if (said.len > sizeof said.text / 2U) say_now(&said);
     }
     if (status == FUSELINE_STATUS_DONE) answered(&a, &line);
   }
-  if (status != FUSELINE_STATUS_DONE) return 1;
-  say_text(&said, "{\"ev\":\"done\"}\n");
-  flush();
-  return 0;
+  return status == FUSELINE_STATUS_DONE;
 }
 
-int main(void) {
-  static char input[LINE_LONGEST + 1];
-  size_t len = 0;
-  if (fuseline_abi() != FUSELINE_ABI) return 2;
-  for (;;) {
-    ssize_t got = read(0, input + len, sizeof input - 1U - len);
-    char *end;
-    if (got <= 0) return got == 0 && len == 0 ? 0 : 2;
-    len += (size_t)got;
-    while ((end = (char *)memchr(input, '\n', len)) != NULL) {
-      size_t used = (size_t)(end - input) + 1U;
-      *end = '\0';
-      if (reply(input) != 0) return 1;
-      len -= used;
-      memmove(input, input + used, len);
-    }
-    if (len == sizeof input - 1U) return 2;
-  }
-}
+int main(void) { return fuseline_abi() == FUSELINE_ABI ? serve(&said, reply) : 2; }

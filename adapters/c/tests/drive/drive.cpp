@@ -5,11 +5,9 @@
 //
 // With OBJECTS the capacity is chosen at run time, and the clock is an object.
 
-#include <unistd.h>
-
-#include <cstring>
 #include <memory>
 
+#include "../clock.hpp"
 #include "fuseline.hpp"
 #include "fuseline_capacity.hpp"
 #include "line.h"
@@ -20,23 +18,10 @@ using fuseline::Answer;
 using fuseline::Priority;
 using fuseline::Timestamp;
 
-struct Virtual {
-  using duration = std::chrono::duration<std::uint64_t, std::nano>;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<Virtual>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept { return time_point(at); }
-  static duration at;
-};
-Virtual::duration Virtual::at{};
-struct VirtualObject {
-  using duration = Virtual::duration;
-  using rep = duration::rep;
-  using period = duration::period;
+using Virtual = SetClock<std::chrono::duration<std::uint64_t, std::nano>>;
+struct VirtualObject : Virtual {
   using time_point = std::chrono::time_point<VirtualObject>;
-  static constexpr bool is_steady = true;
-  time_point now() const noexcept { return time_point(Virtual::at); }
+  time_point now() const noexcept { return time_point(at); }
 };
 
 // The message and the source of a result, so that a value that is forwarded for another one is seen.
@@ -51,16 +36,6 @@ said said_lines;
 void line_of(const char* ev, const Answer& answer, const std::uint64_t* p) {
   say_head(&said_lines, ev, answer.at().ns(), answer.timestamp().count);
   if (p != nullptr) say_member(&said_lines, "p", *p);
-}
-
-bool flush() {
-  for (std::size_t done = 0; done < said_lines.len;) {
-    const ssize_t written = write(1, said_lines.text + done, said_lines.len - done);
-    if (written <= 0) return false;
-    done += static_cast<std::size_t>(written);
-  }
-  said_lines.len = 0;
-  return true;
 }
 
 struct Lines : fuseline::Sink<Owned> {
@@ -79,7 +54,7 @@ struct Lines : fuseline::Sink<Owned> {
   }
   void cancel(Timestamp t, Priority cloud) { say("cancel", t, cloud); }
   void fired(const fuseline::Firing& firing) {
-    if (said_lines.len > sizeof said_lines.text / 2 && !flush()) _exit(2);
+    if (said_lines.len > sizeof said_lines.text / 2) say_now(&said_lines);
     for (const Priority p : firing.timers()) say("timer", firing.timestamp(), p);
   }
 
@@ -95,9 +70,7 @@ class Driver {
  public:
   bool reply(const char* text) {
     if (line_parse(text, &line_) == 0) return false;
-    if (line_.kind == LINE_HEADER ? !start() : !ask()) return false;
-    say_text(&said_lines, "{\"ev\":\"done\"}\n");
-    return flush();
+    return line_.kind == LINE_HEADER ? start() : ask();
   }
 
  private:
@@ -183,20 +156,6 @@ class Driver {
 }  // namespace
 
 int main() {
-  static std::array<char, LINE_LONGEST + 1> input;
   static Driver driver;
-  std::size_t len = 0;
-  for (;;) {
-    const ssize_t got = read(0, input.data() + len, input.size() - 1 - len);
-    if (got <= 0) return got == 0 && len == 0 ? 0 : 2;
-    len += static_cast<std::size_t>(got);
-    while (char* end = static_cast<char*>(std::memchr(input.data(), '\n', len))) {
-      const auto used = static_cast<std::size_t>(end - input.data()) + 1;
-      *end = '\0';
-      if (!driver.reply(input.data())) return 1;
-      len -= used;
-      std::memmove(input.data(), input.data() + used, len);
-    }
-    if (len == input.size() - 1) return 2;
-  }
+  return serve(&said_lines, [](const char* text) { return driver.reply(text) ? 1 : 0; });
 }

@@ -1,6 +1,6 @@
 /*
- * Shared by the drivers: a line of the trace (SPEC.md, section 6) read into plain data, and text gathered to be
- * written at once. C99 and C++17, no allocation, no standard input or output.
+ * Shared by the drivers: a line of the trace (SPEC.md, section 6) read into plain data, text gathered to be written at
+ * once, and the loop that reads lines and answers them. C99 and C++17, no allocation, no stdio.
  */
 #ifndef FUSELINE_TESTS_LINE_H
 #define FUSELINE_TESTS_LINE_H
@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { LINE_LONGEST = 65536, LINE_CLOUDS = 15 };
 
@@ -242,5 +243,38 @@ static inline void say_why(struct said *said, const char *why) {
 }
 
 static inline void say_end(struct said *said) { say_text(said, "}\n"); }
+
+/* Writes the gathered text. Ends the program if nobody reads it. */
+static inline void say_now(struct said *said) {
+  size_t done = 0;
+  while (done < said->len) {
+    ssize_t written = write(1, said->text + done, said->len - done);
+    if (written <= 0) _exit(2);
+    done += (size_t)written;
+  }
+  said->len = 0;
+}
+
+/* Reads lines until the input ends. `reply` gathers the answer to a line, or returns 0. Returns the exit code. */
+static inline int serve(struct said *said, int (*reply)(const char *text)) {
+  static char input[LINE_LONGEST + 1];
+  size_t len = 0;
+  for (;;) {
+    ssize_t got = read(0, input + len, sizeof input - 1U - len);
+    char *end;
+    if (got <= 0) return got == 0 && len == 0 ? 0 : 2;
+    len += (size_t)got;
+    while ((end = (char *)memchr(input, '\n', len)) != NULL) {
+      size_t used = (size_t)(end - input) + 1U;
+      *end = '\0';
+      if (!reply(input)) return 1;
+      say_text(said, "{\"ev\":\"done\"}\n");
+      say_now(said);
+      len -= used;
+      memmove(input, input + used, len);
+    }
+    if (len == sizeof input - 1U) return 2;
+  }
+}
 
 #endif /* FUSELINE_TESTS_LINE_H */

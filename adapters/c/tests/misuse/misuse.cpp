@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "../clock.hpp"
 #include "cases.h"
 #include "fuseline.hpp"
 #include "fuseline_capacity.hpp"
@@ -33,16 +34,7 @@ using fuseline::Timestamp;
 constexpr Priority cloud{1};
 const auto ignored = [](const fuseline::Firing&) {};
 
-struct ManualClock {
-  using duration = std::chrono::nanoseconds;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<ManualClock>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept { return time_point(at); }
-  static duration at;
-};
-ManualClock::duration ManualClock::at{};
+using ManualClock = SetClock<std::chrono::nanoseconds>;
 
 struct Planner : fuseline::Sink<std::string> {
   unsigned forwarded = 0, missed = 0;

@@ -5,6 +5,8 @@
 #include "fuseline_join.hpp"
 #include "fuseline_stamps.hpp"
 
+#include "../clock.hpp"
+
 #include <mutex>
 #include <string>
 #include <vector>
@@ -16,22 +18,8 @@ struct Planner : Sink<std::string> {
   void forward(Timestamp, Priority, const std::string&) {}
   void miss(Timestamp) {}
 };
-struct Ticks {
-  using duration = std::chrono::duration<std::uint32_t, std::milli>;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<Ticks>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept;
-};
-struct Approximate {
-  using duration = std::chrono::duration<double>;
-  using rep = double;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<Approximate>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept;
-};
+using Ticks = SetClock<std::chrono::duration<std::uint32_t, std::milli>>;
+using Approximate = SetClock<std::chrono::duration<double>>;
 
 [[maybe_unused]] static void right() {
   Planner planner;
