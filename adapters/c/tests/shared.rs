@@ -4,19 +4,15 @@
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
 #![expect(clippy::cast_possible_truncation, reason = "sizes of a few hundred")]
 
+mod common;
+
 use core::mem::MaybeUninit;
 use core::ptr::null_mut;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use common::config;
 use fuseline_c::shared::*;
 use fuseline_c::*;
-
-const LAYOUT: u32 = size_of::<CConfig>() as u32
-    | (size_of::<CCloud>() as u32) << 8
-    | (size_of::<CAnswer>() as u32) << 16
-    | ((size_of::<CState>() ^ size_of::<CMessage>()) as u32) << 24;
-const CLOUDS: [CCloud; 2] =
-    [CCloud { priority: 1, limit: 31, resume: 30 }, CCloud { priority: 2, limit: 31, resume: 30 }];
 
 #[repr(C, align(64))]
 struct Storage([u8; 4096]);
@@ -34,16 +30,7 @@ fn make(storage: &mut Storage) -> (CStatus, Machine) {
 }
 
 fn under(commit: CCommit, storage: &mut Storage) -> (CStatus, Machine) {
-    let config = CConfig {
-        abi: FUSELINE_ABI,
-        layout: LAYOUT,
-        capacity: CCapacity::C3W16 as u32,
-        commit: commit as u32,
-        window: 16,
-        clouds_len: 2,
-        clouds: CLOUDS.as_ptr(),
-        greatest_deadline: 1_000,
-    };
+    let config = CConfig { commit: commit as u32, ..config() };
     let mut machine = null_mut();
     let (address, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
     // SAFETY: this test's own.

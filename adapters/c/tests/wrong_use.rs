@@ -3,10 +3,13 @@
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
 #![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]
 
+mod common;
+
 use core::ffi::{CStr, c_void};
 use core::mem::MaybeUninit;
 use core::ptr::null_mut;
 
+use common::{CLOUDS, LAYOUT, config};
 use fuseline_c::calls::*;
 use fuseline_c::*;
 
@@ -17,30 +20,6 @@ struct Storage(
         + 3 * FUSELINE_BYTES_A_CLOUD
         + 16 * (FUSELINE_BYTES_A_TIMESTAMP + 3 * FUSELINE_BYTES_A_TIMER)],
 );
-
-const LAYOUT: u32 = size_of::<CConfig>() as u32
-    | (size_of::<CCloud>() as u32) << 8
-    | (size_of::<CAnswer>() as u32) << 16
-    | ((size_of::<CState>() ^ size_of::<CMessage>()) as u32) << 24;
-
-const CLOUDS: [CCloud; 3] = [
-    CCloud { priority: 3, limit: 31, resume: 30 },
-    CCloud { priority: 1, limit: 31, resume: 30 },
-    CCloud { priority: 2, limit: 31, resume: 30 },
-];
-
-fn config() -> CConfig {
-    CConfig {
-        abi: FUSELINE_ABI,
-        layout: LAYOUT,
-        capacity: CCapacity::C3W16 as u32,
-        commit: CCommit::Eager as u32,
-        window: 16,
-        clouds_len: 3,
-        clouds: CLOUDS.as_ptr(),
-        greatest_deadline: 1_000,
-    }
-}
 
 fn init(storage: &mut Storage, config: &CConfig) -> (CStatus, *mut CMachine) {
     let mut machine = null_mut();
