@@ -67,6 +67,19 @@ pub struct Classes {
 }
 
 impl Parameters {
+    /// The default of each field.
+    pub const DEFAULT: Self = Self {
+        deceleration: Span::exactly(MetresPerSecondSquared(7.5)),
+        brake_delay: Span::exactly(Duration::from_millis(100)),
+        frames: 3,
+        period_local: Span::of_rate(30.0),
+        period_cloud: Span::of_rate(30.0),
+        local_response: Span::exactly(Duration::from_micros(301_700)),
+        lateness: Duration::from_millis(5),
+        margin: Metres(2.0),
+        classes: Classes { hazards: [Hazard::DEFAULT; Classes::MOST], len: 1 },
+    };
+
     /// Checks every figure.
     pub(crate) fn check(&self) -> Result<(), Invalid> {
         Figure::Deceleration.check(self.deceleration)?;
@@ -85,21 +98,18 @@ impl Parameters {
 
 impl Default for Parameters {
     fn default() -> Self {
-        Self {
-            deceleration: MetresPerSecondSquared(7.5).into(),
-            brake_delay: Duration::from_millis(100).into(),
-            frames: 3,
-            period_local: Span::of_rate(30.0),
-            period_cloud: Span::of_rate(30.0),
-            local_response: Duration::from_micros(301_700).into(),
-            lateness: Duration::from_millis(5),
-            margin: Metres(2.0),
-            classes: Hazard::default().into(),
-        }
+        Self::DEFAULT
     }
 }
 
 impl Hazard {
+    /// The class that [`Parameters::DEFAULT`] has.
+    pub const DEFAULT: Self = Self {
+        weight: 1.0,
+        range_local: Span::exactly(Metres(39.0)),
+        range_cloud: Span::exactly(Metres(57.0)),
+    };
+
     fn check(&self) -> Result<(), Invalid> {
         let Self { weight, range_local, range_cloud } = *self;
         Figure::Weight.check(Span::exactly(weight))?;
@@ -114,7 +124,7 @@ impl Hazard {
 
 impl Default for Hazard {
     fn default() -> Self {
-        Self { weight: 1.0, range_local: Metres(39.0).into(), range_cloud: Metres(57.0).into() }
+        Self::DEFAULT
     }
 }
 

@@ -37,6 +37,7 @@ use crate::settings::reader::ParameterReader;
 
 /// The types of topics that do not depend on parameters.
 const FLOAT64: &str = "std_msgs/msg/Float64";
+pub(crate) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 

@@ -7,7 +7,7 @@ use fuseline_engine::Situation;
 use tokio::time::Instant;
 
 use crate::raw::Payload;
-use crate::settings::SpeedTopic;
+use crate::settings::{ODOMETRY, SpeedTopic};
 
 /// The last speed that came.
 pub(crate) struct Speed {
@@ -19,7 +19,7 @@ pub(crate) struct Speed {
 
 impl Speed {
     pub(crate) fn new(topic: &SpeedTopic) -> Self {
-        let is_odometry = topic.type_name == "nav_msgs/msg/Odometry";
+        let is_odometry = topic.type_name == ODOMETRY;
         Self { topic: topic.topic.clone(), is_odometry, age: topic.age, last: None }
     }
 

@@ -15,7 +15,7 @@ pub enum Middleware {
 }
 
 impl Middleware {
-    const fn name(self) -> &'static str {
+    pub(super) const fn name(self) -> &'static str {
         match self {
             Self::Dds => "dds",
             Self::Zenoh => "zenoh",

@@ -4,9 +4,12 @@
 use std::fmt;
 use std::time::Duration;
 
+use fuseline_deadline::{Hazard, Parameters};
+
 use crate::names::check_type;
 use crate::parameters::{Value, ValueOrigin};
 use crate::settings::clouds::is_server;
+use crate::settings::{FLOAT64, Middleware, ODOMETRY, PolicyKind};
 
 /// A parameter with its value.
 #[derive(Clone, PartialEq, Debug)]
@@ -87,7 +90,7 @@ pub enum Preset {
 /// In the order in which they are read.
 #[rustfmt::skip]
 pub const TABLE: &[Spec] = &[
-    fixed("middleware", Kind::Middleware, Preset::Text("dds"), "The middleware of the node's topics"),
+    fixed("middleware", Kind::Middleware, Preset::Text(Middleware::Dds.name()), "The middleware of the node's topics"),
     fixed("input.type", Kind::Type, GIVEN, "The type of the messages"),
     fixed("input.key", KEYS, HEADER, KEY),
     fixed("input.key_offset", OFFSET, Preset::Integer(0), KEY_OFFSET),
@@ -122,24 +125,24 @@ pub const TABLE: &[Spec] = &[
         "The end-to-end deadline of the pipeline, from a message's acceptance, in seconds; 0 for none"),
     fixed("reserve", Kind::SecondsOr("seconds, at most 1e9 and less than within, or 0 for nothing"), Preset::Double(0.0),
         "The part of within that is kept for the nodes downstream, in seconds"),
-    fixed("policy", Kind::Words(&["set", "guard", "expected", "guarded"]), Preset::Text("set"),
+    fixed("policy", Kind::Words(&PolicyKind::NAMES), Preset::Text(PolicyKind::Set.as_str()),
         "The policy that chooses deadlines, up to the one that is set"),
     fixed("policy.rate", Kind::Figure, Preset::Double(0.0),
         "Messages a second, or 0 if unknown; a policy with which the node cannot keep up is refused"),
-    fixed("policy.local_response", Kind::Figure, DEADLINES,
+    fixed("policy.local_response", Kind::Figure, Preset::Double(VEHICLE.local_response.least.as_secs_f64()),
         "Local's least response, in seconds"),
     fixed("policy.local_response_most", Kind::Figure, Preset::Other("`policy.local_response`"),
         "Local's greatest response, in seconds"),
-    fixed("policy.deceleration", Kind::Figure, Preset::Double(7.5), "The deceleration of full braking, in m/s²"),
-    fixed("policy.brake_delay", Kind::Figure, Preset::Double(0.1),
+    fixed("policy.deceleration", Kind::Figure, Preset::Double(VEHICLE.deceleration.least.0), "The deceleration of full braking, in m/s²"),
+    fixed("policy.brake_delay", Kind::Figure, Preset::Double(VEHICLE.brake_delay.least.as_secs_f64()),
         "The time until the brakes act, in seconds"),
-    fixed("policy.margin", Kind::Figure, Preset::Double(2.0),
+    fixed("policy.margin", Kind::Figure, Preset::Double(VEHICLE.margin.0),
         "The distance to keep from an obstacle, in metres"),
-    fixed("policy.lateness", Kind::Figure, Preset::Double(0.005),
+    fixed("policy.lateness", Kind::Figure, Preset::Double(VEHICLE.lateness.as_secs_f64()),
         "The greatest lateness of an output, in seconds"),
-    fixed("policy.range_local", Kind::Figure, Preset::Double(39.0),
+    fixed("policy.range_local", Kind::Figure, Preset::Double(Hazard::DEFAULT.range_local.least.0),
         "The distance that local sees, in metres"),
-    fixed("policy.range_cloud", Kind::Figure, Preset::Double(57.0),
+    fixed("policy.range_cloud", Kind::Figure, Preset::Double(Hazard::DEFAULT.range_cloud.least.0),
         "The distance that clouds see, in metres"),
     fixed("policy.accuracy_local", Kind::Figure, Preset::Double(42.0),
         "Local's accuracy, in percent; the AP of the paper's model"),
@@ -149,7 +152,7 @@ pub const TABLE: &[Spec] = &[
         "The price of a millisecond of waiting, in percent of accuracy; chosen by us"),
     fixed("policy.probe_every", Kind::Integer(1, 64), Preset::Integer(16),
         "One message in this many measures how long a cloud takes"),
-    fixed("policy.speed_type", Kind::Words(&["nav_msgs/msg/Odometry", "std_msgs/msg/Float64"]), Preset::Text("nav_msgs/msg/Odometry"),
+    fixed("policy.speed_type", Kind::Words(&[ODOMETRY, FLOAT64]), Preset::Text(ODOMETRY),
         "The type of the speed's topic"),
     fixed("policy.speed_topic", Kind::Text, Preset::Text(""),
         "The topic of the speed in m/s, which guard and guarded need; empty for none"),
@@ -215,7 +218,7 @@ pub(super) const QOS: &str = "qos_overrides";
 const LONGEST: Duration = Duration::from_secs(1_000_000_000);
 const GIVEN: Preset = Preset::Other("must be given");
 const HEADER: Preset = Preset::Text("header");
-const DEADLINES: Preset = Preset::Other("the default of `fuseline-deadline`");
+const VEHICLE: Parameters = Parameters::DEFAULT;
 const MIDDLEWARE: Preset = Preset::Other("`middleware`");
 const KEYS: Kind = Kind::Words(&["header", "uint32", "int32", "uint64", "int64"]);
 const KEY: &str = "The part of a message that matches it to an input; the default works only for types known to have a header";
@@ -278,7 +281,8 @@ impl Kind {
             (Self::Integer(least, most), Value::Integer(it)) => (least..=most).contains(it),
             (Self::Words(words), Value::String(word)) => words.contains(&&**word),
             (Self::Middleware, Value::String(word)) => {
-                word == "dds" || (word == "zenoh" && cfg!(feature = "zenoh"))
+                word == Middleware::Dds.name()
+                    || (word == Middleware::Zenoh.name() && cfg!(feature = "zenoh"))
             }
             (Self::Type, Value::String(name)) => check_type(name).is_ok(),
             (Self::Server, Value::String(url)) => url.is_empty() || is_server(url),
@@ -361,7 +365,7 @@ impl fmt::Display for Spec {
         };
         let values = match self.kind {
             Kind::Words(words) => format!(": `{}`", words.join("`, `")),
-            Kind::Middleware => ": `dds`, `zenoh`".to_owned(),
+            Kind::Middleware => format!(": `{}`, `{}`", Middleware::Dds, Middleware::Zenoh),
             Kind::Integer(least, i64::MAX) => format!(": {least} or more"),
             Kind::Integer(least, most) => format!(": {least} to {most}"),
             _ => String::new(),

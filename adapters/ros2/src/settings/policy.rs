@@ -10,10 +10,7 @@ use fuseline_deadline::{
 use fuseline_engine::Policy;
 
 use crate::settings::reader::ParameterReader;
-use crate::settings::{FLOAT64, Role, SettingsError, SettingsFlaw};
-
-/// The type of messages with the vehicle's twist.
-const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+use crate::settings::{Role, SettingsError, SettingsFlaw};
 
 /// The policy that chooses each request's deadline, up to the one without a policy.
 #[derive(Clone, PartialEq, Debug)]
@@ -58,16 +55,13 @@ pub struct SpeedTopic {
 
 impl PolicyKind {
     const ALL: [Self; 4] = [Self::Set, Self::Guard, Self::Expected, Self::Guarded];
+    /// Their names among the parameters, in the same order.
+    pub(super) const NAMES: [&str; 4] = ["set", "guard", "expected", "guarded"];
 
     /// Returns its name among the parameters.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Set => "set",
-            Self::Guard => "guard",
-            Self::Expected => "expected",
-            Self::Guarded => "guarded",
-        }
+        Self::NAMES[self as usize]
     }
 
     /// Returns `true` if without a speed it never waits longer than local takes.
@@ -121,41 +115,32 @@ impl fmt::Display for DeadlineSettings {
 pub(super) fn read(r: &mut ParameterReader) -> Result<DeadlineSettings, SettingsError> {
     let kind = r.choice("policy", &PolicyKind::ALL)?;
     let rate = Some(r.figure("policy.rate", None)?).filter(|rate| *rate > 0.0);
-    let usual = Parameters::default();
-    let period = rate.map_or(usual.period_local, Span::of_rate);
-    let least = usual.local_response.least.as_secs_f64();
-    let least = r.figure("policy.local_response", Some(least))?;
+    let period = rate.map_or(Parameters::DEFAULT.period_local, Span::of_rate);
+    let least = r.figure("policy.local_response", None)?;
     let most = r.figure("policy.local_response_most", Some(least))?;
-    let local_response = Span::new(least, most).map(time);
     let mut figure = |name: &str| r.figure(&format!("policy.{name}"), None);
-    let deceleration = figure("deceleration")?;
-    let brake_delay = figure("brake_delay")?;
-    let margin = figure("margin")?;
-    let lateness = figure("lateness")?;
-    let range_local = figure("range_local")?;
-    let range_cloud = figure("range_cloud")?;
+    let parameters = Parameters {
+        period_local: period,
+        period_cloud: period,
+        local_response: Span::new(least, most).map(time),
+        deceleration: MetresPerSecondSquared(figure("deceleration")?).into(),
+        brake_delay: time(figure("brake_delay")?).into(),
+        margin: Metres(figure("margin")?),
+        lateness: time(figure("lateness")?),
+        classes: Hazard {
+            range_local: Metres(figure("range_local")?).into(),
+            range_cloud: Metres(figure("range_cloud")?).into(),
+            ..Hazard::DEFAULT
+        }
+        .into(),
+        ..Parameters::DEFAULT
+    };
     let accuracy = Accuracy {
         local: figure("accuracy_local")?,
         cloud: figure("accuracy_cloud")?,
         price_per_ms: figure("price_per_ms")?,
     };
     let probe_every = r.integer("policy.probe_every", None)?;
-    let parameters = Parameters {
-        deceleration: MetresPerSecondSquared(deceleration).into(),
-        brake_delay: time(brake_delay).into(),
-        period_local: period,
-        period_cloud: period,
-        local_response,
-        lateness: time(lateness),
-        margin: Metres(margin),
-        classes: Hazard {
-            weight: 1.0,
-            range_local: Metres(range_local).into(),
-            range_cloud: Metres(range_cloud).into(),
-        }
-        .into(),
-        ..usual
-    };
     let speed = speed(r)?;
     if kind.goes_by_speed() && speed.is_none() {
         return Err(r.flaw("policy", SettingsFlaw::Speed(kind.as_str())));
@@ -169,7 +154,7 @@ fn time(seconds: f64) -> Duration {
 }
 
 fn speed(r: &mut ParameterReader) -> Result<Option<SpeedTopic>, SettingsError> {
-    let type_name = r.choice("policy.speed_type", &[ODOMETRY, FLOAT64])?.to_owned();
+    let type_name = r.text("policy.speed_type", None)?;
     let topic = r.topic("policy.speed_topic", None, &type_name, Role::Subscription)?;
     let age = r.seconds("policy.speed_age")?;
     Ok(topic.map(|topic| SpeedTopic { topic, type_name, age }))
