@@ -11,6 +11,20 @@
 //! a second participant. It takes over when it has met the peers that the first one knows, and they
 //! have met its publishers. The first one is left when they have met its subscriptions
 //! ([`handover`]).
+//!
+//! The work-arounds for other faults of `rustdds` stay beside what they protect:
+//!
+//! - `REPAIRS` in `dds.rs`: publishers offer a short deadline, so that lost datagrams of an image
+//!   do not hold up its topic for ten seconds.
+//! - `LOOK` in `dds.rs`: each wait for a publisher's status is short, because the end of the event
+//!   loop wakes nobody.
+//! - `Endpoint::follows` in `end.rs`: a new subscription takes over only once it keeps up, because
+//!   `rustdds` assembles at most 128 fragmented messages at a time.
+//! - `REMEMBERED` in `node.rs`: the node remembers more requests than a service's depth, because
+//!   `rustdds` may keep more.
+//! - `until_met` in `handover.rs`: it leaves out transient-local topics, because `rustdds` would
+//!   let later subscribers wait for its sample.
+//! - `log` in `main.rs`: the filters hide errors that `rustdds` logs about harmless events.
 
 mod handover;
 mod participants;
