@@ -30,7 +30,7 @@ use crate::settings::environment::Environment;
 pub use crate::settings::error::{SettingsError, SettingsFlaw};
 pub use crate::settings::middleware::Middleware;
 use crate::settings::parameter::none_if_zero;
-pub use crate::settings::parameter::{Kind, Parameter, Preset, Spec, TABLE, seconds};
+pub use crate::settings::parameter::{Kind, Parameter, Preset, Spec, TABLE};
 pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
 use crate::settings::reader::ParameterReader;

@@ -14,8 +14,9 @@ use tracing::{debug, info, warn};
 use super::{LOCAL, LoopState, NodeFusion};
 use crate::key::KeyError;
 use crate::middleware::{Endpoint, ReceivedPayload};
+use crate::parameters::Value;
 use crate::raw::Payload;
-use crate::settings::{Change, seconds};
+use crate::settings::{Change, Kind};
 use crate::stamps::KeyOrder;
 
 /// The channels on which the node receives.
@@ -128,19 +129,14 @@ impl NodeFusion<'_> {
         let decided = sample.ok().and_then(|payload| {
             let bytes = *payload.body.first_chunk()?;
             let is_big = payload.big_endian;
-            seconds(if is_big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
+            Some(if is_big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
         });
-        match decided {
-            Some(deadline) if deadline <= self.greatest_deadline => self.deadline = deadline,
-            Some(deadline) => {
-                let greatest_deadline = self.greatest_deadline;
-                warn!(
-                    ?deadline,
-                    ?greatest_deadline,
-                    "a deadline above greatest_deadline is ignored"
-                );
-            }
-            None => warn!("a deadline that is not a positive number of seconds is ignored"),
+        let (kind, greatest) = (Kind::Deadline, self.greatest_deadline);
+        let deadline = decided.and_then(|seconds| kind.time(&Value::Double(seconds), greatest));
+        if let Some(deadline) = deadline {
+            self.deadline = deadline;
+        } else {
+            warn!(?decided, "a deadline is ignored; give {}", kind.expected(greatest));
         }
     }
 

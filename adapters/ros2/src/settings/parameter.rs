@@ -237,8 +237,7 @@ const fn changeable(name: &'static str, kind: Kind, preset: Preset, about: &'sta
 
 /// Returns a number of seconds as a deadline, or `None` if it is not valid: a deadline is more than
 /// 0 when rounded to nanoseconds, and at most 10⁹ seconds.
-#[must_use]
-pub fn seconds(seconds: f64) -> Option<Duration> {
+fn seconds(seconds: f64) -> Option<Duration> {
     let time = Duration::try_from_secs_f64(seconds).ok()?;
     (time > Duration::ZERO && time <= LONGEST).then_some(time)
 }
@@ -292,7 +291,7 @@ impl Kind {
     }
 
     /// Returns the value as a time, if this is a kind of time that accepts it.
-    pub(super) fn time(self, value: &Value, greatest: Duration) -> Option<Duration> {
+    pub(crate) fn time(self, value: &Value, greatest: Duration) -> Option<Duration> {
         let most = self.longest(greatest)?;
         match (self, value.number()?) {
             (Self::SecondsOr(_) | Self::OwnDeadline, 0.0) => Some(Duration::ZERO),
