@@ -16,8 +16,9 @@ use crate::judge::{BrokenChecks, Finding};
 const TRIES: usize = 3000;
 
 /// A run hangs if the process uses more processor time than this before the run ends. Two runs play
-/// at once, and none needs more than a second. Wall time would depend on the load of the host.
-const BUSY: Duration = Duration::from_secs(20);
+/// at once, and none needs more than a second. Wall time would depend on the load of the host. The
+/// fault campaign gives a witness at least 30 s of wall time, so a hang must be found sooner.
+const BUSY: Duration = Duration::from_secs(10);
 
 /// A run also hangs if the process stands still for this many seconds in a row. The virtual clock
 /// advances when everything waits, so a run that can still end is busy.
