@@ -3,16 +3,13 @@
 
 use std::sync::LazyLock;
 
-use fuseline_system_tests::simulate::{CHECKS, SavedSeed, Scenario, SeedResults, saved_seeds};
+use fuseline_system_tests::simulate::{CHECKS, Scenario, SeedResults};
 
 /// Every check that ever caught a seeded fault catches it within this many seeds from 0 on, in a
 /// few seconds.
 const SEEDS: u64 = 300;
 
-static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| {
-    let saved = saved_seeds().into_iter().map(|SavedSeed { seed, .. }| seed);
-    SeedResults::of::<Scenario>(&saved.chain(0..SEEDS).collect::<Vec<_>>())
-});
+static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| SeedResults::below::<Scenario>(SEEDS));
 
 fn holds(check: &str) {
     RESULTS.broken.holds(CHECKS, check);

@@ -4,15 +4,12 @@
 use std::sync::LazyLock;
 
 use fuseline_system_tests::simulate::nodes::{CHECKS, KINDS, Scenario};
-use fuseline_system_tests::simulate::{Drawn, SavedSeed, SeedResults, Simulator, saved_seeds};
+use fuseline_system_tests::simulate::{Drawn, SeedResults, Simulator};
 
 /// Every check that ever caught a seeded fault catches it within this many seeds from 0 on.
 const SEEDS: u64 = 200;
 
-static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| {
-    let saved = saved_seeds().into_iter().map(|SavedSeed { seed, .. }| seed);
-    SeedResults::of::<Scenario>(&saved.chain(0..SEEDS).collect::<Vec<_>>())
-});
+static RESULTS: LazyLock<SeedResults> = LazyLock::new(|| SeedResults::below::<Scenario>(SEEDS));
 
 fn holds(check: &str) {
     RESULTS.broken.holds(CHECKS, check);

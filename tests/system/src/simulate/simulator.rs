@@ -11,6 +11,7 @@ use rustix::time::{ClockId, clock_gettime};
 use tempfile::TempDir;
 
 use crate::judge::{BrokenChecks, Finding};
+use crate::simulate::saved_seeds::{SavedSeed, saved_seeds};
 
 /// The greatest number of runs that are tried to make one smaller.
 const TRIES: usize = 3000;
@@ -180,12 +181,15 @@ impl Simulated {
 }
 
 impl SeedResults {
-    /// Plays the runs of these seeds, on two threads. Each thread stops after a run that hangs.
+    /// Plays the saved seeds and the seeds below `end`, on two threads. Each thread stops after a run
+    /// that hangs.
     ///
     /// # Panics
     /// Panics if there is no place for the files.
     #[must_use]
-    pub fn of<D: Drawn>(seeds: &[u64]) -> Self {
+    pub fn below<D: Drawn>(end: u64) -> Self {
+        let saved = saved_seeds().into_iter().map(|SavedSeed { seed, .. }| seed);
+        let seeds: Vec<_> = saved.chain(0..end).collect();
         let half = |first| {
             let mut simulator = Simulator::new().expect("a folder for traces");
             let mut results = Self::default();
